@@ -1,0 +1,3 @@
+//! MCAP recordings.
+mod record;
+pub use record::*;
