@@ -1,5 +1,25 @@
-//! Rig, airframe and mission files: TOML to checked values with one-sigma tolerances.
+//! Rig, airframe and mission files: TOML to checked values.
+//!
+//! A [`Rig`] is the nominal model of a bench: airframe, output, tracker, loop and gains, each uncertain number with its
+//! one-sigma tolerance ([`Uncertain`]). A [`Mission`] is what to fly on it. Nothing is guessed: a wrong key, unit,
+//! range or file is a [`Problem`] that names file, line, key and what was expected, and all problems of a file are told
+//! at once. Each struct's keys are listed once, in a `visit` function that both reads and writes them, so that
+//! [`Rig::to_toml`] gives back a file that reads to the same rig.
 
+mod airframe;
+mod error;
+mod mission;
 mod phase;
+mod rig;
+mod uncertain;
+mod visit;
 
-pub use phase::Phase;
+pub use airframe::{Actuation, Airframe, GroundEffect, Stabiliser, StickRange, Thrust};
+pub use error::{Location, Problem, RigError};
+pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};
+pub use phase::{Phase, UnknownPhase};
+pub use rig::{Control, EffectEntry, Loop, Model, Output, Plant, Rig, Safety, Tracker};
+pub use uncertain::Uncertain;
+
+/// Standard gravity, m/s^2 (ISO 80000-3).
+pub const GRAVITY_M_S2: f64 = 9.806_65;

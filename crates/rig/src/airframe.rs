@@ -1,0 +1,190 @@
+use crate::{
+    GRAVITY_M_S2, Uncertain,
+    visit::{Range, Visitor},
+};
+
+/// The unit in which sticks are commanded; it is part of the keys' names in an airframe file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Actuation {
+    /// Volts into the hand controller's stick inputs (`_v`).
+    #[default]
+    Volt,
+    /// A fraction of full scale, 0 to 1 (`_fraction`).
+    Fraction,
+    /// Counts, such as a 16-bit PWM (`_count`).
+    Count,
+}
+
+impl Actuation {
+    const CHOICES: [(&'static str, Self); 3] =
+        [("volt", Self::Volt), ("fraction", Self::Fraction), ("count", Self::Count)];
+
+    /// The ending of keys and column names.
+    pub const fn suffix(self) -> &'static str {
+        match self {
+            Self::Volt => "v",
+            Self::Fraction => "fraction",
+            Self::Count => "count",
+        }
+    }
+
+    /// The unit as printed.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Volt => "V",
+            Self::Fraction => "1",
+            Self::Count => "count",
+        }
+    }
+}
+
+/// One airframe with its hand controller: all of its numbers, from one file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Airframe {
+    /// Its name.
+    pub name: String,
+    /// The unit of its sticks.
+    pub actuation: Actuation,
+    /// Mass with marker and battery, kg.
+    pub mass_kg: Uncertain,
+    /// Linear drag, N s/m (the paper's Cf).
+    pub drag_n_s_per_m: Uncertain,
+    /// Throttle to thrust out of the ground effect.
+    pub thrust: Thrust,
+    /// Thrust near the ground.
+    pub ground_effect: GroundEffect,
+    /// The hand controller's stick inputs.
+    pub sticks: StickRange,
+    /// Rotation: inertia and the on-board stabiliser.
+    pub stabiliser: Stabiliser,
+}
+
+/// `thrust = gain (throttle - offset)`, not below zero (paper, section 3.4, figure 9).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Thrust {
+    /// N per unit of throttle.
+    pub gain_n_per_unit: Uncertain,
+    /// Throttle at which thrust begins, in units of throttle.
+    pub offset: Uncertain,
+}
+
+/// Thrust multiplier `1 + (multiplier - 1) max(0, 1 - z/height)` (paper, section 3.4, figure 10).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GroundEffect {
+    /// Thrust at the ground over thrust far from it.
+    pub multiplier: Uncertain,
+    /// Altitude at which the effect ends, m.
+    pub height_m: Uncertain,
+}
+
+/// What the stick inputs take and what they ask for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StickRange {
+    /// Lowest input, in units of the actuation; throttle at rest.
+    pub min: f64,
+    /// Highest input.
+    pub max: f64,
+    /// Pitch, roll and yaw at rest.
+    pub centre: f64,
+    /// Tilt asked for by a unit of pitch or roll away from the centre, rad per unit.
+    pub tilt_rad_per_unit: f64,
+    /// Yaw rate asked for by a unit of yaw away from the centre, rad/s per unit.
+    pub yaw_rate_rad_s_per_unit: f64,
+}
+
+/// Rotational dynamics under the on-board stabiliser: a second-order response of tilt, a first-order one of yaw rate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stabiliser {
+    /// Principal moments of inertia about body x, y, z, kg m^2.
+    pub inertia_kg_m2: [f64; 3],
+    /// Undamped natural frequency of the tilt response, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio of the tilt response.
+    pub damping_ratio: f64,
+    /// Time constant of the yaw rate, s.
+    pub yaw_time_constant_s: f64,
+    /// Rotor axis to centre of gravity, m; with the thrust at hand it limits the torque.
+    pub arm_m: f64,
+}
+
+impl Airframe {
+    /// Weight at the nominal mass, N.
+    pub fn weight_n(&self) -> f64 {
+        self.mass_kg.value * GRAVITY_M_S2
+    }
+
+    /// Throttle whose nominal thrust out of the ground effect is `thrust_n`, in units of the actuation, unclamped.
+    pub fn throttle_for(&self, thrust_n: f64) -> f64 {
+        self.thrust.offset.value + thrust_n / self.thrust.gain_n_per_unit.value
+    }
+
+    /// Nominal thrust out of the ground effect at `throttle`, N.
+    pub fn thrust_n(&self, throttle: f64) -> f64 {
+        (self.thrust.gain_n_per_unit.value * (throttle - self.thrust.offset.value)).max(0.0)
+    }
+
+    /// Nominal ground-effect multiplier at altitude `z_m`; below the surface as on it.
+    pub fn ground_effect(&self, z_m: f64) -> f64 {
+        let depth = (1.0 - z_m.max(0.0) / self.ground_effect.height_m.value).max(0.0);
+        1.0 + (self.ground_effect.multiplier.value - 1.0) * depth
+    }
+
+    pub(crate) fn visit(&mut self, v: &mut impl Visitor) {
+        v.text("name", &mut self.name);
+        v.choice("actuation", &Actuation::CHOICES, &mut self.actuation);
+        let unit = self.actuation.suffix();
+        v.uncertain("mass_kg", Range::above(0.0, 1000.0), &mut self.mass_kg);
+        v.uncertain("drag_n_s_per_m", Range::closed(0.0, 1000.0), &mut self.drag_n_s_per_m);
+        v.table("thrust", |v| {
+            let range = Range::above(0.0, 1e6);
+            v.uncertain(&format!("gain_n_per_{unit}"), range, &mut self.thrust.gain_n_per_unit);
+            v.uncertain(&format!("offset_{unit}"), Range::closed(-1e6, 1e6), &mut self.thrust.offset);
+        });
+        v.table("ground_effect", |v| {
+            v.uncertain("multiplier", Range::closed(1.0, 3.0), &mut self.ground_effect.multiplier);
+            v.uncertain("height_m", Range::above(0.0, 10.0), &mut self.ground_effect.height_m);
+        });
+        v.table("sticks", |v| {
+            let any = Range::closed(-1e6, 1e6);
+            v.number(&format!("min_{unit}"), any, &mut self.sticks.min);
+            v.number(&format!("max_{unit}"), any, &mut self.sticks.max);
+            v.number(&format!("centre_{unit}"), any, &mut self.sticks.centre);
+            v.number(&format!("tilt_rad_per_{unit}"), any, &mut self.sticks.tilt_rad_per_unit);
+            v.number(&format!("yaw_rate_rad_s_per_{unit}"), any, &mut self.sticks.yaw_rate_rad_s_per_unit);
+        });
+        v.table("stabiliser", |v| {
+            let s = &mut self.stabiliser;
+            v.triple("inertia_kg_m2", Range::above(0.0, 100.0), &mut s.inertia_kg_m2);
+            v.number("natural_frequency_rad_s", Range::above(0.0, 200.0), &mut s.natural_frequency_rad_s);
+            v.number("damping_ratio", Range::above(0.0, 5.0), &mut s.damping_ratio);
+            v.number("yaw_time_constant_s", Range::above(0.0, 10.0), &mut s.yaw_time_constant_s);
+            v.number("arm_m", Range::above(0.0, 10.0), &mut s.arm_m);
+        });
+    }
+
+    /// What is wrong with values that are fine one by one: key and why.
+    pub(crate) fn contradictions(&self) -> Vec<(&'static str, String)> {
+        let mut found = Vec::new();
+        let StickRange { min, max, centre, .. } = self.sticks;
+        if !(min < max && (min..=max).contains(&centre)) {
+            found.push((
+                "sticks",
+                format!("min {min}, centre {centre}, max {max} must rise in this order, min below max"),
+            ));
+        } else if self.thrust.gain_n_per_unit.value > 0.0 {
+            let hover = self.throttle_for(self.weight_n());
+            if !(min..=max).contains(&hover) {
+                found.push((
+                    "thrust",
+                    format!(
+                        "{} g would hover at throttle {hover:.3} {}, outside the sticks' {min} to {max}; \
+                         check mass, gain and offset and their units",
+                        self.mass_kg.value * 1000.0,
+                        self.actuation.unit()
+                    ),
+                ));
+            }
+        }
+        found
+    }
+}

@@ -1,0 +1,321 @@
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    Airframe, Location, Problem, RigError, Uncertain,
+    visit::{self, Node, Range, Reader, Value, Visitor, Writer},
+};
+
+/// The nominal model of a bench and how it is run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rig {
+    /// Its name.
+    pub name: String,
+    /// What flies.
+    pub airframe: Airframe,
+    /// How the airframe is simulated.
+    pub plant: Plant,
+    /// The control loop's timing.
+    pub control_loop: Loop,
+    /// The voltage output.
+    pub output: Output,
+    /// The position source.
+    pub tracker: Tracker,
+    /// Gains of the controller.
+    pub control: Control,
+    /// When to stop.
+    pub safety: Safety,
+    /// Effects added to the nominal model, in the order of the file.
+    pub effects: Vec<EffectEntry>,
+}
+
+/// Which equations the virtual airframe obeys.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Model {
+    /// The paper's vertical model alone.
+    Vertical,
+    /// A rigid body with six degrees of freedom under the on-board stabiliser.
+    #[default]
+    SixDegree,
+}
+
+/// How the airframe is simulated.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Plant {
+    /// Which equations.
+    pub model: Model,
+    /// Integration step, s.
+    pub step_s: f64,
+    /// Time between two records of the true state, s.
+    pub truth_period_s: f64,
+}
+
+/// The control loop's timing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Loop {
+    /// Time between two iterations, s.
+    pub period_s: f64,
+}
+
+/// The voltage output and its readback.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Output {
+    /// Resolution over the airframe's stick range; 0: continuous.
+    pub bits: u32,
+    /// One sigma of the readback, as a fraction of the stick range.
+    pub readback_noise_fraction: f64,
+}
+
+/// The position source.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tracker {
+    /// Exposure to arrival, s.
+    pub latency_s: Uncertain,
+    /// Time between two frames, s.
+    pub frame_period_s: f64,
+    /// Positions come in steps of this, m; 0: continuous.
+    pub resolution_m: f64,
+    /// White noise before rounding, one sigma, m.
+    pub noise_m: f64,
+    /// White noise of the heading, one sigma, rad; absent: the tracker gives no heading.
+    pub heading_noise_rad: Option<f64>,
+    /// Probability that a frame is lost.
+    pub dropout_probability: f64,
+}
+
+/// Gains of the controller; those of the altitude law are per unit of nominal mass.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Control {
+    /// Wanted vertical speed per metre of altitude error, 1/s (figure 14: gain1).
+    pub position_gain_per_s: f64,
+    /// Proportional thrust per mass and speed error, 1/s (figure 14: gain2).
+    pub speed_gain_per_s: f64,
+    /// Integral thrust per mass, speed error and time, 1/s^2 (figure 14: gain3 over period).
+    pub integral_gain_per_s2: f64,
+    /// How far position and velocity are extrapolated, s: latency, hold and half of the velocity window.
+    pub extrapolation_s: f64,
+    /// Time over which velocity is taken as the slope of the positions, s.
+    pub velocity_window_s: f64,
+    /// Wanted horizontal speed per metre of error, 1/s.
+    pub lateral_position_gain_per_s: f64,
+    /// Horizontal acceleration per horizontal speed error, 1/s.
+    pub lateral_speed_gain_per_s: f64,
+    /// Largest tilt asked for, rad.
+    pub tilt_max_rad: f64,
+    /// Yaw rate per radian of heading error, 1/s.
+    pub heading_gain_per_s: f64,
+}
+
+/// When to stop a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Safety {
+    /// Highest altitude, m.
+    pub ceiling_m: f64,
+    /// Largest horizontal distance from the origin, m.
+    pub radius_m: f64,
+    /// Longest time without a position, s.
+    pub tracker_timeout_s: f64,
+    /// Longest flight, s.
+    pub flight_time_max_s: f64,
+    /// Overruns in a row that stop the flight.
+    pub overrun_streak: u32,
+}
+
+/// One `[[effect]]` of a rig file or one `--effect`. Names and ranges are known to whoever holds the laws, not here; the
+/// place is kept so that they can point at it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectEntry {
+    /// The effect's name.
+    pub name: String,
+    /// Parameters by key, with their lines.
+    pub parameters: Vec<(String, f64, usize)>,
+    /// Where it stands.
+    pub at: Location,
+}
+
+impl Rig {
+    /// Reads a rig file and the airframe file that it names.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, RigError> {
+        let path = path.as_ref();
+        Self::read(path, &read_text("rig", path)?)
+    }
+
+    /// Reads a rig from text; `file` serves messages and finds the airframe file beside it.
+    pub fn read(file: &Path, text: &str) -> Result<Self, RigError> {
+        let root = visit::parse(file, text)?;
+        let airframe_file = airframe_file(file, &root)?;
+        let mut rig = Self::default();
+        let mut problems = Vec::new();
+        Reader::read(file, "", &root, &mut problems, |reader| {
+            rig.visit(reader);
+            rig.effects = effects(reader);
+            match &airframe_file {
+                // Read below, from the file that it names.
+                Some(_) => _ = reader.get("airframe"),
+                None => reader.table("airframe", |reader| rig.airframe.visit(reader)),
+            }
+            if reader.is_sound() {
+                for (key, detail) in rig.contradictions() {
+                    reader.contradiction(key, detail);
+                }
+            }
+        });
+        if let Some((path, node)) = &airframe_file {
+            Reader::read(path, "", node, &mut problems, |reader| rig.airframe.visit(reader));
+        }
+        if problems.is_empty() {
+            let at = match &airframe_file {
+                Some((path, _)) => Location { file: path.clone(), line: 1 },
+                None => Location { file: file.to_owned(), line: 1 },
+            };
+            problems.extend(
+                rig.airframe.contradictions().into_iter().map(|(key, detail)| Problem::Contradiction {
+                    at: at.clone(),
+                    key: key.to_owned(),
+                    detail,
+                }),
+            );
+        }
+        if problems.is_empty() { Ok(rig) } else { Err(RigError::Invalid(problems)) }
+    }
+
+    /// The rig as one self-contained file, airframe included. [`Rig::read`] gives the same rig back.
+    pub fn to_toml(&self) -> String {
+        let mut writer = Writer::default();
+        let mut rig = self.clone();
+        rig.visit(&mut writer);
+        writer.table("airframe", |writer| rig.airframe.visit(writer));
+        for effect in &self.effects {
+            writer.element("effect");
+            writer.text("name", &mut effect.name.clone());
+            for (key, value, _) in &effect.parameters {
+                writer.number(key, Range::closed(*value, *value), &mut { *value });
+            }
+        }
+        writer.out
+    }
+
+    fn visit(&mut self, v: &mut impl Visitor) {
+        const MODELS: [(&str, Model); 2] = [("vertical", Model::Vertical), ("six-degree", Model::SixDegree)];
+        let probability = Range::closed(0.0, 1.0);
+        let gain = Range::closed(0.0, 1000.0);
+        v.text("name", &mut self.name);
+        v.table("plant", |v| {
+            v.choice("model", &MODELS, &mut self.plant.model);
+            v.number("step_s", Range::closed(1e-5, 0.02), &mut self.plant.step_s);
+            v.number("truth_period_s", Range::closed(1e-4, 10.0), &mut self.plant.truth_period_s);
+        });
+        v.table("loop", |v| {
+            v.number("period_s", Range::closed(0.001, 1.0), &mut self.control_loop.period_s);
+        });
+        v.table("output", |v| {
+            v.integer("bits", 0, 24, &mut self.output.bits);
+            v.number(
+                "readback_noise_fraction",
+                Range::closed(0.0, 0.1),
+                &mut self.output.readback_noise_fraction,
+            );
+        });
+        v.table("tracker", |v| {
+            let tracker = &mut self.tracker;
+            v.uncertain("latency_s", Range::closed(0.0, 1.0), &mut tracker.latency_s);
+            v.number("frame_period_s", Range::closed(0.001, 1.0), &mut tracker.frame_period_s);
+            v.number("resolution_m", Range::closed(0.0, 0.1), &mut tracker.resolution_m);
+            v.number("noise_m", Range::closed(0.0, 0.1), &mut tracker.noise_m);
+            v.maybe("heading_noise_rad", Range::closed(0.0, 1.0), &mut tracker.heading_noise_rad);
+            v.number("dropout_probability", probability, &mut tracker.dropout_probability);
+        });
+        v.table("control", |v| {
+            let control = &mut self.control;
+            v.number("position_gain_per_s", gain, &mut control.position_gain_per_s);
+            v.number("speed_gain_per_s", gain, &mut control.speed_gain_per_s);
+            v.number("integral_gain_per_s2", gain, &mut control.integral_gain_per_s2);
+            v.number("extrapolation_s", Range::closed(0.0, 2.0), &mut control.extrapolation_s);
+            v.number("velocity_window_s", Range::above(0.0, 1.0), &mut control.velocity_window_s);
+            v.number("lateral_position_gain_per_s", gain, &mut control.lateral_position_gain_per_s);
+            v.number("lateral_speed_gain_per_s", gain, &mut control.lateral_speed_gain_per_s);
+            v.number("tilt_max_rad", Range::closed(0.0, 1.0), &mut control.tilt_max_rad);
+            v.number("heading_gain_per_s", gain, &mut control.heading_gain_per_s);
+        });
+        v.table("safety", |v| {
+            let safety = &mut self.safety;
+            v.number("ceiling_m", Range::above(0.0, 1000.0), &mut safety.ceiling_m);
+            v.number("radius_m", Range::above(0.0, 1000.0), &mut safety.radius_m);
+            v.number("tracker_timeout_s", Range::above(0.0, 60.0), &mut safety.tracker_timeout_s);
+            v.number("flight_time_max_s", Range::above(0.0, 3600.0), &mut safety.flight_time_max_s);
+            v.integer("overrun_streak", 1, 10_000, &mut safety.overrun_streak);
+        });
+    }
+
+    fn contradictions(&self) -> Vec<(&'static str, String)> {
+        let mut found = Vec::new();
+        if self.plant.step_s > self.control_loop.period_s {
+            found.push(("plant", "step_s is longer than the loop's period_s".to_owned()));
+        }
+        if self.plant.truth_period_s < self.plant.step_s {
+            found.push(("plant", "truth_period_s is shorter than step_s".to_owned()));
+        }
+        found
+    }
+}
+
+/// The file named by `airframe = "..."`, parsed; `None` when the airframe is a table of the rig itself.
+fn airframe_file(rig_file: &Path, root: &Node) -> Result<Option<(PathBuf, Node)>, RigError> {
+    let Value::Table(entries) = &root.value else { return Ok(None) };
+    let Some((_, node)) = entries.iter().find(|(key, _)| key == "airframe") else { return Ok(None) };
+    let Value::Text(name) = &node.value else { return Ok(None) };
+    let path = rig_file.parent().unwrap_or(Path::new("")).join(name);
+    let text = fs::read_to_string(&path).map_err(|source| {
+        RigError::Invalid(vec![Problem::Contradiction {
+            at: Location { file: rig_file.to_owned(), line: node.line },
+            key: "airframe".to_owned(),
+            detail: format!(
+                "cannot read {}: {source}; the path is taken from the rig file's folder",
+                path.display()
+            ),
+        }])
+    })?;
+    let node = visit::parse(&path, &text)?;
+    Ok(Some((path, node)))
+}
+
+fn effects(reader: &mut Reader<'_, '_>) -> Vec<EffectEntry> {
+    let Some(list) = reader.get("effect") else { return Vec::new() };
+    let Value::List(items) = &list.value else {
+        reader.wrong_type("effect", list, "tables, each written as [[effect]]");
+        return Vec::new();
+    };
+    items.iter().filter_map(|item| effect(reader, item)).collect()
+}
+
+fn effect(reader: &mut Reader<'_, '_>, item: &Node) -> Option<EffectEntry> {
+    let Value::Table(entries) = &item.value else {
+        reader.wrong_type("effect", item, "tables, each written as [[effect]]");
+        return None;
+    };
+    let mut name = None;
+    let mut parameters = Vec::new();
+    for (key, node) in entries {
+        match (key.as_str(), &node.value) {
+            ("name", Value::Text(text)) => name = Some(text.clone()),
+            ("name", _) => reader.wrong_type("effect.name", node, "a text"),
+            (_, Value::Number(_)) => {
+                let any = Range::closed(f64::MIN, f64::MAX);
+                if let Some(x) = reader.number_in(&format!("effect.{key}"), node, any) {
+                    parameters.push((key.clone(), x, node.line));
+                }
+            }
+            _ => reader.wrong_type(&format!("effect.{key}"), node, "a number"),
+        }
+    }
+    if name.is_none() {
+        reader.contradiction("effect", "an [[effect]] needs a `name`; `bench effects` lists them".to_owned());
+    }
+    Some(EffectEntry { name: name?, parameters, at: reader.at(item.line) })
+}
+
+pub(crate) fn read_text(what: &'static str, path: &Path) -> Result<String, RigError> {
+    fs::read_to_string(path).map_err(|source| RigError::Read { what, path: path.to_owned(), source })
+}

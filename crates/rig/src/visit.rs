@@ -1,0 +1,483 @@
+//! One list of keys for both directions: a struct's `visit` function names each key with its range once; [`Reader`]
+//! fills the struct from TOML and collects problems, [`Writer`] prints the struct as TOML.
+
+use std::{collections::BTreeSet, fmt::Write as _, path::Path};
+
+use toml::de::{DeTable, DeValue};
+
+use crate::{
+    Uncertain,
+    error::{Location, Problem, RigError},
+};
+
+/// A closed or half-open interval and how to say it.
+#[derive(Clone, Copy)]
+pub(crate) struct Range {
+    low: f64,
+    high: f64,
+    low_open: bool,
+}
+
+impl Range {
+    pub(crate) const fn closed(low: f64, high: f64) -> Self {
+        Self { low, high, low_open: false }
+    }
+
+    /// From above `low` (excluded) to `high`.
+    pub(crate) const fn above(low: f64, high: f64) -> Self {
+        Self { low, high, low_open: true }
+    }
+
+    pub(crate) fn contains(self, x: f64) -> bool {
+        x <= self.high && if self.low_open { x > self.low } else { x >= self.low }
+    }
+
+    pub(crate) fn words(self) -> String {
+        if self.low_open {
+            format!("a number above {} and at most {}", self.low, self.high)
+        } else {
+            format!("a number from {} to {}", self.low, self.high)
+        }
+    }
+}
+
+pub(crate) trait Visitor {
+    fn uncertain(&mut self, key: &str, range: Range, value: &mut Uncertain);
+    fn number(&mut self, key: &str, range: Range, value: &mut f64);
+    /// An optional number; absent and `None` are the same.
+    fn maybe(&mut self, key: &str, range: Range, value: &mut Option<f64>);
+    fn integer(&mut self, key: &str, low: u32, high: u32, value: &mut u32);
+    fn text(&mut self, key: &str, value: &mut String);
+    fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]);
+    /// A number, or points `[time_s, number]` with times that do not fall.
+    fn points(&mut self, key: &str, range: Range, value: &mut Vec<[f64; 2]>, default: Option<f64>);
+    fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self));
+}
+
+/// A TOML value with its line.
+pub(crate) struct Node {
+    pub(crate) line: usize,
+    pub(crate) value: Value,
+}
+
+pub(crate) enum Value {
+    Number(f64),
+    Text(String),
+    Other(&'static str),
+    List(Vec<Node>),
+    Table(Vec<(String, Node)>),
+}
+
+impl Value {
+    fn words(&self) -> String {
+        match self {
+            Self::Number(x) => format!("the number {x}"),
+            Self::Text(s) => format!("the text {s:?}"),
+            Self::Other(kind) => (*kind).to_owned(),
+            Self::List(_) => "a list".to_owned(),
+            Self::Table(_) => "a table".to_owned(),
+        }
+    }
+}
+
+/// Parses TOML text; `file` is for the messages.
+pub(crate) fn parse(file: &Path, text: &str) -> Result<Node, RigError> {
+    let line_of = |offset: usize| text[..offset.min(text.len())].matches('\n').count() + 1;
+    let table = DeTable::parse(text).map_err(|error| RigError::Syntax {
+        at: Location { file: file.to_owned(), line: error.span().map_or(1, |span| line_of(span.start)) },
+        detail: error.message().to_owned(),
+    })?;
+    Ok(Node { line: 1, value: convert_table(table.get_ref(), &line_of) })
+}
+
+fn convert_table(table: &DeTable<'_>, line_of: &impl Fn(usize) -> usize) -> Value {
+    let mut entries: Vec<_> = table
+        .iter()
+        .map(|(key, value)| {
+            let line = line_of(key.span().start);
+            (key.get_ref().to_string(), Node { line, value: convert(value.get_ref(), line_of) })
+        })
+        .collect();
+    entries.sort_by_key(|(_, node)| node.line);
+    Value::Table(entries)
+}
+
+fn convert(value: &DeValue<'_>, line_of: &impl Fn(usize) -> usize) -> Value {
+    match value {
+        DeValue::String(text) => Value::Text(text.to_string()),
+        DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
+            .map_or(Value::Other("an integer too large to hold"), |x| Value::Number(x as f64)),
+        DeValue::Float(number) => {
+            number.as_str().parse().map_or(Value::Other("an odd number"), Value::Number)
+        }
+        DeValue::Boolean(_) => Value::Other("true or false"),
+        DeValue::Datetime(_) => Value::Other("a date"),
+        DeValue::Array(items) => Value::List(
+            items
+                .iter()
+                .map(|item| Node {
+                    line: line_of(item.span().start),
+                    value: convert(item.get_ref(), line_of),
+                })
+                .collect(),
+        ),
+        DeValue::Table(table) => convert_table(table, line_of),
+    }
+}
+
+/// Reads one table; nested tables borrow the problems of the outermost.
+pub(crate) struct Reader<'a, 'p> {
+    file: &'a Path,
+    prefix: String,
+    line: usize,
+    entries: &'a [(String, Node)],
+    known: BTreeSet<String>,
+    problems: &'p mut Vec<Problem>,
+}
+
+impl<'a, 'p> Reader<'a, 'p> {
+    /// Reads the table `node`, then complains of every key that `visit` did not ask for.
+    pub(crate) fn read(
+        file: &'a Path,
+        prefix: &str,
+        node: &'a Node,
+        problems: &'p mut Vec<Problem>,
+        visit: impl FnOnce(&mut Reader<'a, 'p>),
+    ) {
+        let Value::Table(entries) = &node.value else {
+            problems.push(Problem::WrongType {
+                at: Location { file: file.to_owned(), line: node.line },
+                key: prefix.to_owned(),
+                found: node.value.words(),
+                expected: "a table".to_owned(),
+            });
+            return;
+        };
+        let mut reader = Reader {
+            file,
+            prefix: prefix.to_owned(),
+            line: node.line,
+            entries,
+            known: BTreeSet::new(),
+            problems,
+        };
+        visit(&mut reader);
+        reader.complain_of_unknown_keys();
+    }
+
+    fn complain_of_unknown_keys(&mut self) {
+        for (key, node) in self.entries {
+            if self.known.contains(key) {
+                continue;
+            }
+            let closest = self
+                .known
+                .iter()
+                .map(|known| (strsim::jaro_winkler(key, known), known))
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+                .filter(|(similarity, _)| *similarity > 0.8);
+            let hint = match closest {
+                Some((_, known)) => format!("did you mean `{known}`? (units are part of the key)"),
+                None => {
+                    format!("expected one of {}", self.known.iter().cloned().collect::<Vec<_>>().join(", "))
+                }
+            };
+            let problem = Problem::UnknownKey { at: self.at(node.line), key: self.path(key), hint };
+            self.problems.push(problem);
+        }
+    }
+
+    pub(crate) fn at(&self, line: usize) -> Location {
+        Location { file: self.file.to_owned(), line }
+    }
+
+    pub(crate) fn path(&self, key: &str) -> String {
+        if self.prefix.is_empty() { key.to_owned() } else { format!("{}.{key}", self.prefix) }
+    }
+
+    /// The value of `key`, which counts as known from now on.
+    pub(crate) fn get(&mut self, key: &str) -> Option<&'a Node> {
+        self.known.insert(key.to_owned());
+        self.entries.iter().find(|(name, _)| name == key).map(|(_, node)| node)
+    }
+
+    pub(crate) fn require(&mut self, key: &str, expected: &str) -> Option<&'a Node> {
+        let node = self.get(key);
+        if node.is_none() {
+            let problem = Problem::MissingKey {
+                at: self.at(self.line),
+                key: self.path(key),
+                expected: expected.to_owned(),
+            };
+            self.problems.push(problem);
+        }
+        node
+    }
+
+    /// Whether `key` stands in the file; does not count as asking for it.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.entries.iter().any(|(name, _)| name == key)
+    }
+
+    /// Whether nothing was wrong so far, in this file or before it.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.problems.is_empty()
+    }
+
+    pub(crate) fn wrong_type(&mut self, key: &str, node: &Node, expected: &str) {
+        let problem = Problem::WrongType {
+            at: self.at(node.line),
+            key: self.path(key),
+            found: node.value.words(),
+            expected: expected.to_owned(),
+        };
+        self.problems.push(problem);
+    }
+
+    pub(crate) fn contradiction(&mut self, key: &str, detail: String) {
+        let line = self.entries.iter().find(|(name, _)| name == key).map_or(self.line, |(_, node)| node.line);
+        let problem = Problem::Contradiction { at: self.at(line), key: self.path(key), detail };
+        self.problems.push(problem);
+    }
+
+    pub(crate) fn number_in(&mut self, key: &str, node: &Node, range: Range) -> Option<f64> {
+        match node.value {
+            Value::Number(x) if range.contains(x) => Some(x),
+            Value::Number(value) => {
+                let problem = Problem::OutOfRange {
+                    at: self.at(node.line),
+                    key: self.path(key),
+                    value,
+                    expected: range.words(),
+                };
+                self.problems.push(problem);
+                None
+            }
+            _ => {
+                self.wrong_type(key, node, &range.words());
+                None
+            }
+        }
+    }
+
+    fn point(&mut self, key: &str, node: &Node, range: Range) -> Option<[f64; 2]> {
+        let Value::List(pair) = &node.value else {
+            self.wrong_type(key, node, "a point [time_s, value]");
+            return None;
+        };
+        let [time, value] = pair.as_slice() else {
+            self.wrong_type(key, node, "a point [time_s, value]");
+            return None;
+        };
+        let time = self.number_in(key, time, Range::closed(0.0, 86_400.0))?;
+        Some([time, self.number_in(key, value, range)?])
+    }
+}
+
+impl Visitor for Reader<'_, '_> {
+    fn uncertain(&mut self, key: &str, range: Range, value: &mut Uncertain) {
+        let expected = format!("{}, or {{ value = ..., sigma = ... }}", range.words());
+        let Some(node) = self.require(key, &expected) else { return };
+        match &node.value {
+            Value::Number(_) => {
+                if let Some(x) = self.number_in(key, node, range) {
+                    *value = Uncertain::exact(x);
+                }
+            }
+            Value::Table(_) => {
+                let prefix = self.path(key);
+                Reader::read(self.file, &prefix, node, self.problems, |reader| {
+                    reader.number("value", range, &mut value.value);
+                    reader.number("sigma", Range::closed(0.0, 1e12), &mut value.sigma);
+                });
+            }
+            _ => self.wrong_type(key, node, &expected),
+        }
+    }
+
+    fn number(&mut self, key: &str, range: Range, value: &mut f64) {
+        if let Some(node) = self.require(key, &range.words())
+            && let Some(x) = self.number_in(key, node, range)
+        {
+            *value = x;
+        }
+    }
+
+    fn maybe(&mut self, key: &str, range: Range, value: &mut Option<f64>) {
+        *value = self.get(key).and_then(|node| self.number_in(key, node, range));
+    }
+
+    fn integer(&mut self, key: &str, low: u32, high: u32, value: &mut u32) {
+        let mut x = f64::NAN;
+        self.number(key, Range::closed(f64::from(low), f64::from(high)), &mut x);
+        if x.fract() == 0.0 {
+            *value = x as u32;
+        } else if !x.is_nan() {
+            self.contradiction(key, format!("{x} is not a whole number"));
+        }
+    }
+
+    fn text(&mut self, key: &str, value: &mut String) {
+        let Some(node) = self.require(key, "a text") else { return };
+        match &node.value {
+            Value::Text(text) if !text.is_empty() => value.clone_from(text),
+            _ => self.wrong_type(key, node, "a text that is not empty"),
+        }
+    }
+
+    fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+        let names: Vec<_> = choices.iter().map(|(name, _)| format!("{name:?}")).collect();
+        let expected = format!("one of {}", names.join(", "));
+        let Some(node) = self.require(key, &expected) else { return };
+        let chosen = match &node.value {
+            Value::Text(text) => choices.iter().find(|(name, _)| name == text),
+            _ => None,
+        };
+        match chosen {
+            Some((_, choice)) => *value = *choice,
+            None => self.wrong_type(key, node, &expected),
+        }
+    }
+
+    fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]) {
+        let expected = format!("a list of three: {}", range.words());
+        let Some(node) = self.require(key, &expected) else { return };
+        match &node.value {
+            Value::List(items) if items.len() == 3 => {
+                for (slot, item) in value.iter_mut().zip(items) {
+                    if let Some(x) = self.number_in(key, item, range) {
+                        *slot = x;
+                    }
+                }
+            }
+            _ => self.wrong_type(key, node, &expected),
+        }
+    }
+
+    fn points(&mut self, key: &str, range: Range, value: &mut Vec<[f64; 2]>, default: Option<f64>) {
+        let expected = format!("{}, or points [time_s, value]", range.words());
+        let node = if default.is_some() { self.get(key) } else { self.require(key, &expected) };
+        let Some(node) = node else {
+            *value = default.map(|x| vec![[0.0, x]]).unwrap_or_default();
+            return;
+        };
+        match &node.value {
+            Value::Number(_) => {
+                *value = self.number_in(key, node, range).map(|x| vec![[0.0, x]]).unwrap_or_default();
+            }
+            Value::List(items) if !items.is_empty() => {
+                *value = items.iter().filter_map(|item| self.point(key, item, range)).collect();
+                if !value.is_sorted_by(|a, b| a[0] <= b[0]) {
+                    self.contradiction(key, "the points' times fall; they must rise or stay (a step)".into());
+                }
+            }
+            _ => self.wrong_type(key, node, &expected),
+        }
+    }
+
+    fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+        let Some(node) = self.require(key, "a table") else { return };
+        // The nested reader borrows what this one holds, so it takes this one's place while it reads.
+        let Value::Table(entries) = &node.value else {
+            self.wrong_type(key, node, "a table");
+            return;
+        };
+        let prefix = self.path(key);
+        let outer_prefix = std::mem::replace(&mut self.prefix, prefix);
+        let outer_line = std::mem::replace(&mut self.line, node.line);
+        let outer_entries = std::mem::replace(&mut self.entries, entries);
+        let outer_known = std::mem::take(&mut self.known);
+        visit(self);
+        self.complain_of_unknown_keys();
+        self.prefix = outer_prefix;
+        self.line = outer_line;
+        self.entries = outer_entries;
+        self.known = outer_known;
+    }
+}
+
+/// Prints tables as TOML. Scalars of a table must be visited before its sub-tables.
+#[derive(Default)]
+pub(crate) struct Writer {
+    pub(crate) out: String,
+    prefix: String,
+}
+
+impl Writer {
+    pub(crate) fn line(&mut self, key: &str, value: impl std::fmt::Display) {
+        // Writing to a String cannot fail.
+        let _ = writeln!(self.out, "{key} = {value}");
+    }
+
+    /// Begins an element of an array of tables.
+    pub(crate) fn element(&mut self, key: &str) {
+        let _ = writeln!(self.out, "\n[[{key}]]");
+    }
+}
+
+/// A float that reads back to the same bits and is a TOML float.
+fn float(x: f64) -> String {
+    format!("{x:?}")
+}
+
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+impl Visitor for Writer {
+    fn uncertain(&mut self, key: &str, _: Range, value: &mut Uncertain) {
+        if value.sigma == 0.0 {
+            self.line(key, float(value.value));
+        } else {
+            self.line(key, format!("{{ value = {}, sigma = {} }}", float(value.value), float(value.sigma)));
+        }
+    }
+
+    fn number(&mut self, key: &str, _: Range, value: &mut f64) {
+        self.line(key, float(*value));
+    }
+
+    fn maybe(&mut self, key: &str, _: Range, value: &mut Option<f64>) {
+        if let Some(x) = value {
+            self.line(key, float(*x));
+        }
+    }
+
+    fn integer(&mut self, key: &str, _: u32, _: u32, value: &mut u32) {
+        self.line(key, value);
+    }
+
+    fn text(&mut self, key: &str, value: &mut String) {
+        self.line(key, quoted(value));
+    }
+
+    fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+        if let Some((name, _)) = choices.iter().find(|(_, choice)| choice == value) {
+            self.line(key, quoted(name));
+        }
+    }
+
+    fn triple(&mut self, key: &str, _: Range, value: &mut [f64; 3]) {
+        self.line(key, format!("[{}, {}, {}]", float(value[0]), float(value[1]), float(value[2])));
+    }
+
+    fn points(&mut self, key: &str, _: Range, value: &mut Vec<[f64; 2]>, _: Option<f64>) {
+        match value.as_slice() {
+            [[_, x]] => self.line(key, float(*x)),
+            points => {
+                let points: Vec<_> =
+                    points.iter().map(|[t, x]| format!("[{}, {}]", float(*t), float(*x))).collect();
+                self.line(key, format!("[{}]", points.join(", ")));
+            }
+        }
+    }
+
+    fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+        let prefix = if self.prefix.is_empty() { key.to_owned() } else { format!("{}.{key}", self.prefix) };
+        let _ = writeln!(self.out, "\n[{prefix}]");
+        let outer = std::mem::replace(&mut self.prefix, prefix);
+        visit(self);
+        self.prefix = outer;
+    }
+}
