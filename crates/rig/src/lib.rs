@@ -7,6 +7,7 @@
 //! [`Rig::to_toml`] gives back a file that reads to the same rig.
 
 mod airframe;
+mod control_state;
 mod error;
 mod mission;
 mod phase;
@@ -15,6 +16,7 @@ mod uncertain;
 mod visit;
 
 pub use airframe::{Actuation, Airframe, GroundEffect, Stabiliser, StickRange, Thrust};
+pub use control_state::ControlState;
 pub use error::{Location, Problem, RigError};
 pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};
 pub use phase::{Phase, UnknownPhase};

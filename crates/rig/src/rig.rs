@@ -102,6 +102,8 @@ pub struct Control {
     pub lateral_position_gain_per_s: f64,
     /// Horizontal acceleration per horizontal speed error, 1/s.
     pub lateral_speed_gain_per_s: f64,
+    /// Horizontal acceleration per horizontal speed error and time, 1/s^2: trims the sticks' centre.
+    pub lateral_integral_gain_per_s2: f64,
     /// Largest tilt asked for, rad.
     pub tilt_max_rad: f64,
     /// Yaw rate per radian of heading error, 1/s.
@@ -236,6 +238,7 @@ impl Rig {
             v.number("velocity_window_s", Range::above(0.0, 1.0), &mut control.velocity_window_s);
             v.number("lateral_position_gain_per_s", gain, &mut control.lateral_position_gain_per_s);
             v.number("lateral_speed_gain_per_s", gain, &mut control.lateral_speed_gain_per_s);
+            v.number("lateral_integral_gain_per_s2", gain, &mut control.lateral_integral_gain_per_s2);
             v.number("tilt_max_rad", Range::closed(0.0, 1.0), &mut control.tilt_max_rad);
             v.number("heading_gain_per_s", gain, &mut control.heading_gain_per_s);
         });

@@ -1,0 +1,182 @@
+use bench_device::{PositionSample, Sticks, Time};
+use bench_rig::{ControlState, Mission, Phase, PhaseAction, PhasePlan, Rig};
+
+use crate::{altitude::AltitudeLaw, estimator::Estimator, lateral::LateralLaw};
+
+/// Flies a mission: sees positions, decides sticks.
+#[derive(Debug)]
+pub struct Controller {
+    plans: Vec<PhasePlan>,
+    current: usize,
+    phase_began: Time,
+    rest_throttle: f64,
+    aborted: bool,
+    landing: Landing,
+    estimator: Estimator,
+    altitude: AltitudeLaw,
+    lateral: LateralLaw,
+}
+
+/// What one iteration decided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// What to write to the output.
+    pub sticks: Sticks,
+    /// The values behind it.
+    pub state: ControlState,
+    /// The mission is over (or was aborted): the sticks are at rest and stay there.
+    pub finished: bool,
+}
+
+/// Progress of a landing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Landing {
+    /// Not begun.
+    Not,
+    /// Descending from this set-point.
+    Descending { from_m: f64 },
+    /// Low enough: sinking through the ground effect under reduced thrust since then.
+    Settling { since: Time },
+    /// Down.
+    Done,
+}
+
+/// Thrust-to-weight while settling: with the paper's ground effect of 30 % this still touches down, at a third of the
+/// speed of a free fall from 5 cm.
+const SETTLING_THRUST_TO_WEIGHT: f64 = 0.75;
+const SETTLING_S: f64 = 1.0;
+
+impl Controller {
+    /// A controller at the beginning of a mission whose clock starts at zero.
+    pub fn new(rig: &Rig, mission: &Mission) -> Self {
+        Self {
+            plans: mission.phases.clone(),
+            current: 0,
+            phase_began: Time::ZERO,
+            rest_throttle: rig.airframe.sticks.min,
+            aborted: false,
+            landing: Landing::Not,
+            estimator: Estimator::new(rig.control.extrapolation_s, rig.control.velocity_window_s),
+            altitude: AltitudeLaw::new(rig),
+            lateral: LateralLaw::new(rig),
+        }
+    }
+
+    /// Takes a position that has arrived.
+    pub fn observe(&mut self, sample: &PositionSample) {
+        self.estimator.observe(sample);
+    }
+
+    /// Throttle to rest from the next decision on, for good.
+    pub fn abort(&mut self) {
+        self.aborted = true;
+    }
+
+    /// One iteration at `now`, once a loop period.
+    pub fn decide(&mut self, now: Time) -> Decision {
+        self.move_on(now);
+        let mut state = ControlState { time: now, ..ControlState::default() };
+        let estimate = self.estimator.estimate();
+        if let Some(estimate) = &estimate {
+            state.estimate_m = estimate.position_m;
+            state.estimate_m_s = estimate.velocity_m_s;
+        }
+        let Some(plan) = self.plans.get(self.current).filter(|_| !self.aborted) else {
+            state.phase = if self.aborted { Phase::Abort } else { Phase::Idle };
+            return Decision { sticks: self.at_rest(), state, finished: true };
+        };
+        state.phase = plan.action.phase();
+        let elapsed_s = now.since_s(self.phase_began);
+        let level = self.lateral.centred();
+        let (throttle, [pitch, roll, yaw]) = match &plan.action {
+            PhaseAction::Idle => (self.rest_throttle, level),
+            PhaseAction::Launch { thrust_to_weight } => {
+                (self.altitude.open_loop(thrust_to_weight.at(elapsed_s)), level)
+            }
+            PhaseAction::Open { thrust_to_weight, chirp } => {
+                let extra = chirp.map_or(0.0, |chirp| chirp.at(elapsed_s, plan.duration_s));
+                (self.altitude.open_loop(thrust_to_weight.at(elapsed_s) + extra), level)
+            }
+            PhaseAction::Hold { altitude_m, x_m, y_m, heading_rad, chirp } => {
+                let extra_m = chirp.map_or(0.0, |chirp| chirp.at(elapsed_s, plan.duration_s));
+                state.setpoint_m = [x_m.at(elapsed_s), y_m.at(elapsed_s), altitude_m.at(elapsed_s) + extra_m];
+                state.setpoint_heading_rad = heading_rad.at(elapsed_s);
+                let throttle =
+                    self.altitude.closed_loop(state.setpoint_m[2], 0.0, estimate.as_ref(), &mut state);
+                (throttle, self.hold_place(&mut state, estimate.as_ref()))
+            }
+            &PhaseAction::Land { descent_m_s, cut_below_m } => {
+                let throttle = self.land(now, descent_m_s, cut_below_m, &mut state);
+                let lateral = if matches!(self.landing, Landing::Descending { .. }) {
+                    self.hold_place(&mut state, estimate.as_ref())
+                } else {
+                    level
+                };
+                (throttle, lateral)
+            }
+        };
+        Decision { sticks: Sticks { throttle, pitch, roll, yaw }, state, finished: false }
+    }
+
+    /// Goes to the next phase when this one is over.
+    fn move_on(&mut self, now: Time) {
+        while let Some(plan) = self.plans.get(self.current) {
+            let over =
+                now.since_s(self.phase_began) >= plan.duration_s - 1e-9 || self.landing == Landing::Done;
+            if !over {
+                return;
+            }
+            self.landing = Landing::Not;
+            self.current += 1;
+            // At the instant of the iteration, not of the plan: a late loop still gives each phase its time.
+            self.phase_began = now;
+        }
+    }
+
+    fn at_rest(&self) -> Sticks {
+        let [pitch, roll, yaw] = self.lateral.centred();
+        Sticks { throttle: self.rest_throttle, pitch, roll, yaw }
+    }
+
+    fn hold_place(
+        &mut self,
+        state: &mut ControlState,
+        estimate: Option<&crate::estimator::Estimate>,
+    ) -> [f64; 3] {
+        let [x, y, _] = state.setpoint_m;
+        match estimate {
+            Some(estimate) => self.lateral.closed_loop([x, y], state.setpoint_heading_rad, estimate),
+            None => self.lateral.centred(),
+        }
+    }
+
+    /// Throttle of a landing at `now`.
+    fn land(&mut self, now: Time, descent_m_s: f64, cut_below_m: f64, state: &mut ControlState) -> f64 {
+        let measured_m = self.estimator.measured_altitude_m();
+        let estimate = self.estimator.estimate();
+        if self.landing == Landing::Not {
+            let from_m = estimate.map_or(0.0, |estimate| estimate.position_m[2]);
+            self.landing = Landing::Descending { from_m };
+        }
+        if let Landing::Descending { .. } = self.landing {
+            let low = estimate.is_some_and(|estimate| estimate.position_m[2] < cut_below_m);
+            if low || measured_m.is_some_and(|z| z < cut_below_m) {
+                self.landing = Landing::Settling { since: now };
+            }
+        }
+        match self.landing {
+            Landing::Descending { from_m } => {
+                let setpoint_m = from_m - descent_m_s * now.since_s(self.phase_began);
+                state.setpoint_m[2] = setpoint_m;
+                self.altitude.closed_loop(setpoint_m, -descent_m_s, estimate.as_ref(), state)
+            }
+            Landing::Settling { since } if now.since_s(since) < SETTLING_S => {
+                self.altitude.open_loop(SETTLING_THRUST_TO_WEIGHT)
+            }
+            _ => {
+                self.landing = Landing::Done;
+                self.rest_throttle
+            }
+        }
+    }
+}
