@@ -133,7 +133,8 @@ impl Controller {
         }
     }
 
-    fn at_rest(&self) -> Sticks {
+    /// The sticks that stop the rotors.
+    pub fn at_rest(&self) -> Sticks {
         let [pitch, roll, yaw] = self.lateral.centred();
         Sticks { throttle: self.rest_throttle, pitch, roll, yaw }
     }

@@ -1,0 +1,185 @@
+use std::fmt::Write as _;
+
+use bench_control::{Controller, Decision};
+use bench_device::{Clock, DeviceError, PositionSource, Time, VoltageOutput};
+use bench_recording::{Command, Event, EventText, Level, ReadbackAt, Record, Tick};
+use bench_rig::{Mission, Phase, Rig};
+
+use crate::{
+    Sink, StopReason, Summary,
+    safety::Guard,
+    summary::{FlightLog, LogEntry},
+};
+
+/// How a flight ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ending {
+    /// The mission was flown to its end.
+    Complete,
+    /// A safety stop: the throttle went to rest first.
+    Stopped(StopReason),
+    /// A device failed; the throttle was sent to rest as far as the output still took it.
+    Fault(DeviceError),
+}
+
+/// A flight that is over.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flown {
+    /// How it ended.
+    pub ending: Ending,
+    /// What it achieved.
+    pub summary: Summary,
+}
+
+/// Where a flight is, once an iteration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Since the beginning.
+    pub now: Time,
+    /// What the controller is doing.
+    pub phase: Phase,
+    /// Predicted altitude, m.
+    pub altitude_m: f64,
+}
+
+/// How long the loop goes on after the mission, so that the last positions still arrive, s.
+const TAIL_S: f64 = 0.5;
+
+/// Flies `mission` on three ends, telling `sink` everything. `each` is called at the end of every iteration, with the
+/// sink for what only the caller knows (a simulation's true state); it returns false to ask for a stop.
+///
+/// No iteration allocates or locks, as long as the ends and the sink do not.
+pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink>(
+    (clock, output, tracker): (&mut C, &mut V, &mut P),
+    rig: &Rig,
+    mission: &Mission,
+    sink: &mut S,
+    mut each: impl FnMut(&Progress, &mut S) -> bool,
+) -> Flown {
+    let mut flight = Flight {
+        controller: Controller::new(rig, mission),
+        guard: Guard::new(rig.safety),
+        log: FlightLog::with_capacity(rig, mission),
+        period: Time::from_seconds(rig.control_loop.period_s),
+        scheduled: Time::ZERO,
+        index: 0,
+        phase: None,
+        stopped: None,
+    };
+    let mut finished_at = None;
+    let ending = loop {
+        let (now, decision) = match flight.iterate(clock, output, tracker, sink) {
+            Ok(done) => done,
+            Err(error) => {
+                // The output may be what failed; there is nothing more to be done for it.
+                let _ = output.write(flight.controller.at_rest());
+                event(sink, clock.now(), Level::Error, format_args!("{error}"));
+                break Ending::Fault(error);
+            }
+        };
+        let progress =
+            Progress { now, phase: decision.state.phase, altitude_m: decision.state.estimate_m[2] };
+        if !each(&progress, sink) {
+            flight.stop(StopReason::Asked, now, sink);
+        }
+        if decision.finished && now.since_s(*finished_at.get_or_insert(now)) >= TAIL_S {
+            break flight.stopped.map_or(Ending::Complete, Ending::Stopped);
+        }
+    };
+    Flown { ending, summary: flight.log.summarise() }
+}
+
+/// The state of one flight.
+struct Flight {
+    controller: Controller,
+    guard: Guard,
+    log: FlightLog,
+    period: Time,
+    scheduled: Time,
+    index: u64,
+    phase: Option<Phase>,
+    stopped: Option<StopReason>,
+}
+
+impl Flight {
+    /// One iteration: returns when it started and what was decided.
+    fn iterate<C: Clock, V: VoltageOutput, P: PositionSource>(
+        &mut self,
+        clock: &mut C,
+        output: &mut V,
+        tracker: &mut P,
+        sink: &mut impl Sink,
+    ) -> Result<(Time, Decision), DeviceError> {
+        let started = clock.wait_until(self.scheduled)?;
+        while let Some(sample) = tracker.poll()? {
+            self.controller.observe(&sample);
+            self.guard.observe(&sample);
+            self.log.observe(&sample);
+            sink.take(Record::Position(sample));
+        }
+        let sensed = clock.now();
+        let decision = self.controller.decide(started);
+        let decided = clock.now();
+        output.write(decision.sticks)?;
+        let written = clock.now();
+        let readback = output.read_back()?;
+        let ended = clock.now();
+
+        let late_s = ended.since_s(self.scheduled);
+        let overrun = late_s > self.period.seconds();
+        sink.take(Record::ControlState(decision.state));
+        sink.take(Record::Command(Command { time: written, sticks: decision.sticks }));
+        sink.take(Record::Readback(ReadbackAt { time: ended, readback }));
+        sink.take(Record::Tick(Tick {
+            index: self.index,
+            scheduled: self.scheduled,
+            started,
+            sense_s: sensed.since_s(started),
+            control_s: decided.since_s(sensed),
+            actuate_s: ended.since_s(decided),
+            overrun,
+        }));
+        self.log.decided(LogEntry {
+            time: started,
+            phase: decision.state.phase,
+            setpoint_m: decision.state.setpoint_m,
+            lateness_s: started.since_s(self.scheduled),
+            overrun,
+        });
+        if self.phase != Some(decision.state.phase) {
+            self.phase = Some(decision.state.phase);
+            event(sink, started, Level::Info, format_args!("phase {}", decision.state.phase));
+        }
+        if let Some(reason) = self.guard.check(started, decision.state.phase, overrun) {
+            self.stop(reason, started, sink);
+        }
+        self.schedule_next(ended);
+        Ok((started, decision))
+    }
+
+    /// The next tick of the grid that is not past: a tick that was missed is left out, not caught up with.
+    fn schedule_next(&mut self, ended: Time) {
+        let period = self.period.nanos();
+        let passed = ended.nanos().saturating_sub(self.scheduled.nanos()) / period;
+        let on_time = ended.nanos() == self.scheduled.nanos() + passed * period;
+        let ahead = if on_time && passed > 0 { passed } else { passed + 1 };
+        self.index += ahead;
+        self.scheduled = Time::from_nanos(self.scheduled.nanos() + ahead * period);
+    }
+
+    /// The first reason to stop is the one that counts.
+    fn stop(&mut self, reason: StopReason, now: Time, sink: &mut impl Sink) {
+        if self.stopped.is_none() {
+            self.stopped = Some(reason);
+            self.controller.abort();
+            event(sink, now, Level::Error, format_args!("stopped: {reason}"));
+        }
+    }
+}
+
+fn event(sink: &mut impl Sink, time: Time, level: Level, words: std::fmt::Arguments<'_>) {
+    let mut text = EventText::new();
+    // A text that is too long is cut, which is better than none.
+    let _ = text.write_fmt(words);
+    sink.take(Record::Event(Event { time, level, text }));
+}

@@ -1,0 +1,42 @@
+use bench_plant::{
+    effects::EffectError,
+    lab::{Lab, TrueState},
+};
+use bench_recording::{Record, Truth};
+use bench_rig::{Mission, Rig};
+
+use crate::{Flown, Progress, Sink, fly};
+
+/// Why a simulation could not begin.
+pub type SimulationError = EffectError;
+
+/// Flies `mission` in the virtual lab, in lockstep, as fast as it goes. The same rig, mission and seed give the same
+/// records. `each` is called every iteration and returns false to stop.
+pub fn simulate(
+    rig: &Rig,
+    mission: &Mission,
+    seed: u64,
+    sink: &mut impl Sink,
+    mut each: impl FnMut(&Progress) -> bool,
+) -> Result<Flown, SimulationError> {
+    let Lab { mut clock, mut output, mut tracker, world } = Lab::new(rig, seed)?;
+    let ends = (&mut clock, &mut output, &mut tracker);
+    Ok(fly(ends, rig, mission, sink, |progress, sink| {
+        world.drain_truth(|state| sink.take(Record::Truth(truth(&state))));
+        each(progress)
+    }))
+}
+
+fn truth(state: &TrueState) -> Truth {
+    let attitude = state.attitude;
+    Truth {
+        time: state.time,
+        position_m: state.position_m.into(),
+        velocity_m_s: state.velocity_m_s.into(),
+        attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+        body_rate_rad_s: state.body_rate_rad_s.into(),
+        thrust_n: state.thrust_n,
+        rotor_speed_ratio: state.rotor_speed_ratio,
+        charge_hover_min: state.charge_hover_min,
+    }
+}
