@@ -1,1 +1,57 @@
-fn main() {}
+//! The command line: glue between the crates, and the words on the screen.
+//!
+//! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
+
+mod commands;
+mod exit;
+mod files;
+mod words;
+
+use clap::{Parser, Subcommand};
+
+use crate::exit::Exit;
+
+/// A hardware-in-the-loop test bench for very small aircraft.
+#[derive(Parser)]
+#[command(version, after_help = "Examples:
+  bench sim                                    fly to 0.4 m and record it
+  bench sim --mission hop --effect rotor-lag:time_constant_s=0.08 -o lag.mcap
+  bench diff recordings/climb-040-0.mcap lag.mcap
+
+Exit codes: 0 done (and passed), 1 a check failed, 2 wrong usage or bad input, 3 done with data loss,
+4 device fault or safety stop.")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Sim(commands::sim::Arguments),
+    Effects(commands::effects::Arguments),
+    Info(commands::info::Arguments),
+    Export(commands::export::Arguments),
+    Recover(commands::recover::Arguments),
+    Import(commands::import::Arguments),
+    Diff(commands::diff::Arguments),
+}
+
+fn main() -> std::process::ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Sim(arguments) => commands::sim::run(arguments),
+        Command::Effects(arguments) => commands::effects::run(&arguments),
+        Command::Info(arguments) => commands::info::run(&arguments),
+        Command::Export(arguments) => commands::export::run(&arguments),
+        Command::Recover(arguments) => commands::recover::run(&arguments),
+        Command::Import(arguments) => commands::import::run(&arguments),
+        Command::Diff(arguments) => commands::diff::run(&arguments),
+    };
+    match outcome {
+        Ok(exit) => exit.into(),
+        Err(error) if words::is_closed_pipe(&error) => Exit::Done.into(),
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            Exit::BadInput.into()
+        }
+    }
+}

@@ -1,1 +1,16 @@
-//! plant
+//! The plant: a virtual airframe, the effects that its nominal model lacks, and the simulated ends of the loop.
+//!
+//! ```text
+//! sticks [V] -> SimulatedOutput -> actuator -> propulsion -> airframe in its environment -> SimulatedTracker -> positions
+//!                (quantise, hold)   effects     effects       Body + effects                 + tracker effects
+//! ```
+//!
+//! The nominal airframe is the paper's vertical model ([`nominal`]), alone or carried by a rigid body with six degrees of
+//! freedom ([`body`]) that is exactly that model when level. [`effects`] holds one file an effect; the same laws serve
+//! this simulator and the diagnosis. [`lab`] ties it all to the traits of `bench_device`.
+
+pub mod body;
+pub mod effects;
+pub mod integrator;
+pub mod lab;
+pub mod nominal;

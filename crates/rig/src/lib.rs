@@ -13,7 +13,7 @@ mod mission;
 mod phase;
 mod rig;
 mod uncertain;
-mod visit;
+pub mod visit;
 
 pub use airframe::{Actuation, Airframe, GroundEffect, Stabiliser, StickRange, Thrust};
 pub use control_state::ControlState;

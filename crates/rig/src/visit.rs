@@ -1,5 +1,8 @@
-//! One list of keys for both directions: a struct's `visit` function names each key with its range once; [`Reader`]
-//! fills the struct from TOML and collects problems, [`Writer`] prints the struct as TOML.
+//! TOML files of the bench, for whoever reads one: [`parse`] keeps the line of every value, a [`Reader`] takes values
+//! out by key, checks them and collects each [`Problem`] with file, line and key.
+//!
+//! One list of keys serves both directions: a struct's `visit` function names each key with its range once; the reader
+//! fills the struct from TOML and a writer, known to this crate alone, prints the struct as TOML.
 
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
@@ -11,28 +14,31 @@ use crate::{
 };
 
 /// A closed or half-open interval and how to say it.
-#[derive(Clone, Copy)]
-pub(crate) struct Range {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
     low: f64,
     high: f64,
     low_open: bool,
 }
 
 impl Range {
-    pub(crate) const fn closed(low: f64, high: f64) -> Self {
+    /// From `low` to `high`, both included.
+    pub const fn closed(low: f64, high: f64) -> Self {
         Self { low, high, low_open: false }
     }
 
     /// From above `low` (excluded) to `high`.
-    pub(crate) const fn above(low: f64, high: f64) -> Self {
+    pub const fn above(low: f64, high: f64) -> Self {
         Self { low, high, low_open: true }
     }
 
-    pub(crate) fn contains(self, x: f64) -> bool {
+    /// Whether `x` lies in it; NaN never does.
+    pub fn contains(self, x: f64) -> bool {
         x <= self.high && if self.low_open { x > self.low } else { x >= self.low }
     }
 
-    pub(crate) fn words(self) -> String {
+    /// The range in words, for messages.
+    pub fn words(self) -> String {
         if self.low_open {
             format!("a number above {} and at most {}", self.low, self.high)
         } else {
@@ -41,31 +47,49 @@ impl Range {
     }
 }
 
-pub(crate) trait Visitor {
+/// Goes through the keys of a table, reading or writing each.
+pub trait Visitor {
+    /// A number with its tolerance.
     fn uncertain(&mut self, key: &str, range: Range, value: &mut Uncertain);
+    /// A number.
     fn number(&mut self, key: &str, range: Range, value: &mut f64);
     /// An optional number; absent and `None` are the same.
     fn maybe(&mut self, key: &str, range: Range, value: &mut Option<f64>);
+    /// A whole number from `low` to `high`.
     fn integer(&mut self, key: &str, low: u32, high: u32, value: &mut u32);
+    /// A text that is not empty.
     fn text(&mut self, key: &str, value: &mut String);
+    /// One of the named choices.
     fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    /// A list of three numbers.
     fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]);
     /// A number, or points `[time_s, number]` with times that do not fall.
     fn points(&mut self, key: &str, range: Range, value: &mut Vec<[f64; 2]>, default: Option<f64>);
+    /// A table within the table.
     fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self));
 }
 
 /// A TOML value with its line.
-pub(crate) struct Node {
-    pub(crate) line: usize,
-    pub(crate) value: Value,
+#[derive(Clone, Debug, PartialEq)]
+pub struct Node {
+    /// Counted from one.
+    pub line: usize,
+    /// What stands there.
+    pub value: Value,
 }
 
-pub(crate) enum Value {
+/// What a bench file may hold.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// An integer or a float.
     Number(f64),
+    /// A string.
     Text(String),
+    /// Anything that no bench file uses, in words.
     Other(&'static str),
+    /// An array.
     List(Vec<Node>),
+    /// Keys and values in the order of their lines.
     Table(Vec<(String, Node)>),
 }
 
@@ -82,7 +106,7 @@ impl Value {
 }
 
 /// Parses TOML text; `file` is for the messages.
-pub(crate) fn parse(file: &Path, text: &str) -> Result<Node, RigError> {
+pub fn parse(file: &Path, text: &str) -> Result<Node, RigError> {
     let line_of = |offset: usize| text[..offset.min(text.len())].matches('\n').count() + 1;
     let table = DeTable::parse(text).map_err(|error| RigError::Syntax {
         at: Location { file: file.to_owned(), line: error.span().map_or(1, |span| line_of(span.start)) },
@@ -127,7 +151,8 @@ fn convert(value: &DeValue<'_>, line_of: &impl Fn(usize) -> usize) -> Value {
 }
 
 /// Reads one table; nested tables borrow the problems of the outermost.
-pub(crate) struct Reader<'a, 'p> {
+#[derive(Debug)]
+pub struct Reader<'a, 'p> {
     file: &'a Path,
     prefix: String,
     line: usize,
@@ -138,7 +163,7 @@ pub(crate) struct Reader<'a, 'p> {
 
 impl<'a, 'p> Reader<'a, 'p> {
     /// Reads the table `node`, then complains of every key that `visit` did not ask for.
-    pub(crate) fn read(
+    pub fn read(
         file: &'a Path,
         prefix: &str,
         node: &'a Node,
@@ -188,21 +213,24 @@ impl<'a, 'p> Reader<'a, 'p> {
         }
     }
 
-    pub(crate) fn at(&self, line: usize) -> Location {
+    /// A line of this file.
+    pub fn at(&self, line: usize) -> Location {
         Location { file: self.file.to_owned(), line }
     }
 
-    pub(crate) fn path(&self, key: &str) -> String {
+    /// The key with the tables around it.
+    pub fn path(&self, key: &str) -> String {
         if self.prefix.is_empty() { key.to_owned() } else { format!("{}.{key}", self.prefix) }
     }
 
     /// The value of `key`, which counts as known from now on.
-    pub(crate) fn get(&mut self, key: &str) -> Option<&'a Node> {
+    pub fn get(&mut self, key: &str) -> Option<&'a Node> {
         self.known.insert(key.to_owned());
         self.entries.iter().find(|(name, _)| name == key).map(|(_, node)| node)
     }
 
-    pub(crate) fn require(&mut self, key: &str, expected: &str) -> Option<&'a Node> {
+    /// The value of `key`; a problem if it is missing.
+    pub fn require(&mut self, key: &str, expected: &str) -> Option<&'a Node> {
         let node = self.get(key);
         if node.is_none() {
             let problem = Problem::MissingKey {
@@ -216,16 +244,17 @@ impl<'a, 'p> Reader<'a, 'p> {
     }
 
     /// Whether `key` stands in the file; does not count as asking for it.
-    pub(crate) fn has(&self, key: &str) -> bool {
+    pub fn has(&self, key: &str) -> bool {
         self.entries.iter().any(|(name, _)| name == key)
     }
 
     /// Whether nothing was wrong so far, in this file or before it.
-    pub(crate) fn is_sound(&self) -> bool {
+    pub fn is_sound(&self) -> bool {
         self.problems.is_empty()
     }
 
-    pub(crate) fn wrong_type(&mut self, key: &str, node: &Node, expected: &str) {
+    /// Tells that `node` at `key` is not what was expected.
+    pub fn wrong_type(&mut self, key: &str, node: &Node, expected: &str) {
         let problem = Problem::WrongType {
             at: self.at(node.line),
             key: self.path(key),
@@ -235,13 +264,15 @@ impl<'a, 'p> Reader<'a, 'p> {
         self.problems.push(problem);
     }
 
-    pub(crate) fn contradiction(&mut self, key: &str, detail: String) {
+    /// Tells what does not fit about `key`.
+    pub fn contradiction(&mut self, key: &str, detail: String) {
         let line = self.entries.iter().find(|(name, _)| name == key).map_or(self.line, |(_, node)| node.line);
         let problem = Problem::Contradiction { at: self.at(line), key: self.path(key), detail };
         self.problems.push(problem);
     }
 
-    pub(crate) fn number_in(&mut self, key: &str, node: &Node, range: Range) -> Option<f64> {
+    /// The number `node` at `key`, if it is one and in range; a problem if not.
+    pub fn number_in(&mut self, key: &str, node: &Node, range: Range) -> Option<f64> {
         match node.value {
             Value::Number(x) if range.contains(x) => Some(x),
             Value::Number(value) => {

@@ -1,0 +1,104 @@
+use bench_plant::effects::{EffectSpec, LIBRARY, Prior};
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::{exit::Exit, words};
+
+/// List the effects that the nominal model lacks, with their laws and parameters
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench effects
+  bench effects rotor-lag
+  bench effects --json | jq '.effects[].name'")]
+pub struct Arguments {
+    /// Only these effects, in full
+    names: Vec<String>,
+    /// Print as JSON (schema bench.effects/1)
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    for name in &arguments.names {
+        if LIBRARY.iter().all(|spec| spec.name != name) {
+            anyhow::bail!("no effect is called {name:?}; `bench effects` lists them");
+        }
+    }
+    let chosen: Vec<_> = LIBRARY
+        .iter()
+        .copied()
+        .filter(|spec| arguments.names.is_empty() || arguments.names.iter().any(|name| name == spec.name))
+        .collect();
+    if arguments.json {
+        let effects: Vec<_> = chosen.iter().map(|spec| as_json(spec)).collect();
+        words::print_json(&json!({ "schema": "bench.effects/1", "effects": effects }))?;
+    } else if arguments.names.is_empty() {
+        words::print(&overview(&chosen))?;
+    } else {
+        words::print(&chosen.iter().map(|spec| in_full(spec)).collect::<Vec<_>>().join("\n"))?;
+    }
+    Ok(Exit::Done)
+}
+
+fn overview(specs: &[&EffectSpec]) -> String {
+    let mut out = String::new();
+    let mut stage = None;
+    for spec in specs {
+        if stage != Some(spec.stage) {
+            stage = Some(spec.stage);
+            out += &format!("{}\n", spec.stage.name());
+        }
+        out += &format!("  {:<22} {}\n", spec.name, spec.summary);
+    }
+    out + "\n`bench effects NAME` shows law, parameters and source; `bench sim --effect NAME:param=value` flies it.\n"
+}
+
+fn in_full(spec: &EffectSpec) -> String {
+    let mut out = format!(
+        "{} ({})\n  {}\n  law      {}\n  source   {}\n",
+        spec.name,
+        spec.stage.name(),
+        spec.summary,
+        spec.law,
+        spec.source
+    );
+    for p in spec.parameters {
+        out += &format!(
+            "  {:<24} {}; {} to {} {}; typically {}\n",
+            p.key,
+            p.meaning,
+            p.min,
+            p.max,
+            p.unit,
+            p.prior.typical()
+        );
+    }
+    out + &format!("  example  bench sim --effect {}\n", spec.example())
+}
+
+fn as_json(spec: &EffectSpec) -> Value {
+    let parameters: Vec<_> = spec
+        .parameters
+        .iter()
+        .map(|p| {
+            let prior = match p.prior {
+                Prior::Normal { mean, sigma } => json!({ "kind": "normal", "mean": mean, "sigma": sigma }),
+                Prior::LogNormal { median, sigma_ln } => {
+                    json!({ "kind": "log-normal", "median": median, "sigma_ln": sigma_ln })
+                }
+            };
+            json!({
+                "key": p.key, "unit": p.unit, "meaning": p.meaning, "min": p.min, "max": p.max, "prior": prior
+            })
+        })
+        .collect();
+    json!({
+        "name": spec.name,
+        "stage": spec.stage.name(),
+        "summary": spec.summary,
+        "law": spec.law,
+        "source": spec.source,
+        "parameters": parameters,
+        "example": spec.example(),
+    })
+}

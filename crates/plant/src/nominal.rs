@@ -1,0 +1,109 @@
+//! The paper's force law (sections 3.2 and 3.3), with the hooks for what it lacks.
+
+use bench_rig::{Airframe, GRAVITY_M_S2};
+use nalgebra::Vector3;
+
+use crate::effects::Effects;
+
+/// The nominal airframe's numbers, ready for the inner loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nominal {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Weight, N.
+    pub weight_n: f64,
+    /// Thrust per unit of throttle, N.
+    pub gain_n_per_unit: f64,
+    /// Throttle at which thrust begins.
+    pub offset: f64,
+    /// Ground-effect multiplier less one.
+    pub ground_effect_gain: f64,
+    /// Where the ground effect ends, m.
+    pub ground_effect_height_m: f64,
+    /// Linear drag, N s/m.
+    pub drag_n_s_per_m: f64,
+}
+
+impl Nominal {
+    /// The nominal values of an airframe.
+    pub fn new(airframe: &Airframe) -> Self {
+        Self {
+            mass_kg: airframe.mass_kg.value,
+            weight_n: airframe.weight_n(),
+            gain_n_per_unit: airframe.thrust.gain_n_per_unit.value,
+            offset: airframe.thrust.offset.value,
+            ground_effect_gain: airframe.ground_effect.multiplier.value - 1.0,
+            ground_effect_height_m: airframe.ground_effect.height_m.value,
+            drag_n_s_per_m: airframe.drag_n_s_per_m.value,
+        }
+    }
+
+    /// Thrust out of the ground effect for a throttle, N (figure 9).
+    #[inline]
+    pub fn free_thrust_n(&self, throttle: f64) -> f64 {
+        (self.gain_n_per_unit * (throttle - self.offset)).max(0.0)
+    }
+
+    /// Thrust multiplier less one at a height (figure 10).
+    #[inline]
+    pub fn ground_effect(&self, height_m: f64) -> f64 {
+        self.ground_effect_gain * (1.0 - height_m.max(0.0) / self.ground_effect_height_m).max(0.0)
+    }
+}
+
+/// What a force law may look at: the airframe in its environment at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Air {
+    /// Height above the take-off surface, m.
+    pub height_m: f64,
+    /// Velocity in the world frame, m/s.
+    pub velocity_m_s: Vector3<f64>,
+    /// Cosine of the angle between the body's z and the vertical.
+    pub tilt_cos: f64,
+    /// Thrust out of the ground effect at this instant, N.
+    pub free_thrust_n: f64,
+}
+
+/// The forces of one integration step, during which sticks and effects' states are held.
+pub struct Forces<'a> {
+    /// The nominal numbers.
+    pub nominal: &'a Nominal,
+    /// The effects that act.
+    pub effects: &'a Effects,
+    /// Thrust out of the ground effect, effects of actuator and propulsion included, N.
+    pub free_thrust_n: f64,
+    /// Mass with effects, kg.
+    pub mass_kg: f64,
+}
+
+impl Forces<'_> {
+    /// Vertical thrust of all rotors, ground effect included, N. The nominal stabiliser keeps this the same at any tilt.
+    #[inline]
+    pub fn thrust_n(&self, air: &Air) -> f64 {
+        let mut ground_effect = self.nominal.ground_effect(air.height_m);
+        for effect in &self.effects.air {
+            effect.ground_effect(air, &mut ground_effect);
+        }
+        let mut thrust_n = self.free_thrust_n * (1.0 + ground_effect);
+        for effect in &self.effects.air {
+            effect.thrust(air, &mut thrust_n);
+        }
+        thrust_n.max(0.0)
+    }
+
+    /// Drag and other forces on the airframe except thrust and weight, world frame, N.
+    #[inline]
+    pub fn drag_n(&self, air: &Air) -> Vector3<f64> {
+        let mut force_n = air.velocity_m_s * -self.nominal.drag_n_s_per_m;
+        for effect in &self.effects.air {
+            effect.force(air, &mut force_n);
+        }
+        force_n
+    }
+
+    /// Upward acceleration, m/s^2: `(thrust - drag)/m - g` (paper, section 3.2).
+    #[inline]
+    pub fn vertical_acceleration_m_s2(&self, air: &Air) -> f64 {
+        (self.thrust_n(air) + self.drag_n(air).z) / self.mass_kg - GRAVITY_M_S2
+    }
+}

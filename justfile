@@ -1,0 +1,28 @@
+# `just` lists the recipes; CI runs the same (`.ci/run`).
+
+# Fly the virtual airframe and record it
+sim *ARGS:
+    cargo run --release -- sim {{ARGS}}
+
+# Every test, with what they need set up
+test:
+    tests/run
+
+# Format, lints and documentation, warnings denied
+check:
+    cargo fmt --all --check
+    cargo clippy --workspace --all-targets --locked -- -D warnings
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+
+# Licences, sources and bans of the dependencies
+deny:
+    cargo deny check bans licenses sources
+
+# Speed: the benches, then the table beside MuJoCo (docs/performance.md)
+bench:
+    cargo bench --workspace
+    tools/performance
+
+# All that CI runs
+ci:
+    .ci/run
