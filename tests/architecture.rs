@@ -67,7 +67,10 @@ fn every_crate_is_in_the_table_and_knows_only_what_the_table_allows() {
     assert_eq!(crates(&documented), crates(&actual));
     for (name, known) in &actual {
         let forbidden: Vec<_> = known.difference(&documented[name]).collect();
-        assert!(forbidden.is_empty(), "{name} depends on {forbidden:?}, which docs/architecture.md does not allow");
+        assert!(
+            forbidden.is_empty(),
+            "{name} depends on {forbidden:?}, which docs/architecture.md does not allow"
+        );
     }
 }
 

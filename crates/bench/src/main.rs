@@ -13,13 +13,16 @@ use crate::exit::Exit;
 
 /// A hardware-in-the-loop test bench for very small aircraft.
 #[derive(Parser)]
-#[command(version, after_help = "Examples:
+#[command(
+    version,
+    after_help = "Examples:
   bench sim                                    fly to 0.4 m and record it
   bench sim --mission hop --effect rotor-lag:time_constant_s=0.08 -o lag.mcap
   bench diff recordings/climb-040-0.mcap lag.mcap
 
 Exit codes: 0 done (and passed), 1 a check failed, 2 wrong usage or bad input, 3 done with data loss,
-4 device fault or safety stop.")]
+4 device fault or safety stop."
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

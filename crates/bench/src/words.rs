@@ -29,6 +29,14 @@ pub fn count(number: u64, one: &str) -> String {
     format!("{} {one}{}", grouped(number), if number == 1 { "" } else { "s" })
 }
 
+/// What an export wrote: the rows of its one table, or how many tables.
+pub fn tables(exported: &bench_recording::Exported) -> String {
+    match exported.tables.as_slice() {
+        [(_, rows)] => count(*rows, "row"),
+        tables => count(tables.len() as u64, "table"),
+    }
+}
+
 /// Writes text or JSON to standard output.
 pub fn print(text: &str) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();

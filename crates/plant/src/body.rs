@@ -48,6 +48,8 @@ pub struct SixDegree {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct StabiliserLaw {
     inertia_kg_m2: Vector3<f64>,
+    /// Reciprocals of the inertia, 1/(kg m^2).
+    per_inertia: Vector3<f64>,
     /// Torque per inertia and sine of the tilt error, 1/s^2.
     tilt_gain_per_s2: f64,
     /// Torque per inertia and rate, 1/s.
@@ -150,9 +152,11 @@ impl Vertical {
 
     #[inline]
     fn step(&mut self, dt_s: f64, forces: &Forces<'_>) {
+        let per_kg = forces.mass_kg.recip();
         let x = runge_kutta_4(&Vector2::new(self.z_m, self.speed_m_s), dt_s, |x| {
-            let at = Self { z_m: x[0], speed_m_s: x[1] };
-            Vector2::new(x[1], forces.vertical_acceleration_m_s2(&at.air(forces.free_thrust_n)))
+            let air = Self { z_m: x[0], speed_m_s: x[1] }.air(forces.free_thrust_n);
+            // Upward acceleration: `(thrust - drag)/m - g` (paper, section 3.2).
+            Vector2::new(x[1], (forces.thrust_n(&air) + forces.drag_n(&air).z) * per_kg - GRAVITY_M_S2)
         });
         *self = Self { z_m: x[0], speed_m_s: x[1] };
         if self.z_m <= 0.0 && self.speed_m_s <= 0.0 {
@@ -175,6 +179,7 @@ impl SixDegree {
             body_rate_rad_s: Vector3::zeros(),
             stabiliser: StabiliserLaw {
                 inertia_kg_m2: Vector3::from(own.inertia_kg_m2),
+                per_inertia: Vector3::from(own.inertia_kg_m2.map(f64::recip)),
                 tilt_gain_per_s2: own.natural_frequency_rad_s.powi(2),
                 rate_gain_per_s: 2.0 * own.damping_ratio * own.natural_frequency_rad_s,
                 yaw_gain_per_s: own.yaw_time_constant_s.recip(),
@@ -188,7 +193,9 @@ impl SixDegree {
 
     fn step(&mut self, dt_s: f64, forces: &Forces<'_>, sticks: Sticks) {
         let command = self.stabiliser.command(sticks);
-        let x = runge_kutta_4(&self.pack(), dt_s, |x| derivative(x, forces, &self.stabiliser, &command));
+        let per_kg = forces.mass_kg.recip();
+        let x =
+            runge_kutta_4(&self.pack(), dt_s, |x| derivative(x, forces, per_kg, &self.stabiliser, &command));
         self.position_m = x.fixed_rows::<3>(0).into();
         self.velocity_m_s = x.fixed_rows::<3>(3).into();
         self.attitude = UnitQuaternion::new_normalize(Quaternion::new(x[6], x[7], x[8], x[9]));
@@ -219,10 +226,11 @@ pub fn heading_rad(attitude: &UnitQuaternion<f64>) -> f64 {
     (2.0 * (w * k + i * j)).atan2(1.0 - 2.0 * (j * j + k * k))
 }
 
-/// Newton and Euler for a rigid body; quaternion kinematics `q' = q (0, omega)/2`.
+/// Newton and Euler for a rigid body; quaternion kinematics `q' = q (0, omega)/2`. `per_kg` is the mass's reciprocal.
 fn derivative(
     x: &State,
     forces: &Forces<'_>,
+    per_kg: f64,
     stabiliser: &StabiliserLaw,
     command: &AttitudeCommand,
 ) -> State {
@@ -239,9 +247,9 @@ fn derivative(
     let drag_n = forces.drag_n(&air);
     let lift_n = body_z * along_body_n;
     let acceleration = Vector3::new(
-        (lift_n.x + drag_n.x) / forces.mass_kg,
-        (lift_n.y + drag_n.y) / forces.mass_kg,
-        (lift_n.z + drag_n.z) / forces.mass_kg - GRAVITY_M_S2,
+        (lift_n.x + drag_n.x) * per_kg,
+        (lift_n.y + drag_n.y) * per_kg,
+        (lift_n.z + drag_n.z) * per_kg - GRAVITY_M_S2,
     );
 
     let angular = stabiliser.angular_acceleration(x, &body_z, &rate, thrust_n, command);
@@ -292,8 +300,8 @@ impl StabiliserLaw {
         let body_x = Vector3::new(1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j + w * k), 2.0 * (i * k - w * j));
         let body_y = body_z.cross(&body_x);
         // Cosine and sine of the heading; straight up or down there is none, and any will do.
-        let horizontal = (body_x.x * body_x.x + body_x.y * body_x.y).sqrt().max(1e-9);
-        let (cos, sin) = (body_x.x / horizontal, body_x.y / horizontal);
+        let per_horizontal = (body_x.x * body_x.x + body_x.y * body_x.y).sqrt().max(1e-9).recip();
+        let (cos, sin) = (body_x.x * per_horizontal, body_x.y * per_horizontal);
         let wanted = &command.z_direction;
         let wanted_z =
             Vector3::new(cos * wanted.x - sin * wanted.y, sin * wanted.x + cos * wanted.y, wanted.z);
@@ -311,6 +319,6 @@ impl StabiliserLaw {
             inertia.z * self.yaw_gain_per_s * (command.yaw_rate_rad_s - rate.z),
         );
         let gyroscopic = rate.cross(&inertia.component_mul(rate));
-        (torque - gyroscopic).component_div(inertia)
+        (torque - gyroscopic).component_mul(&self.per_inertia)
     }
 }

@@ -379,8 +379,12 @@ impl VoltageOutput for SimulatedOutput {
             }
         }
         self.clamped = sticks.to_array().iter().any(|value| !(self.min..=self.max).contains(value));
-        let pins = sticks.map(|value| self.on_the_pin(value));
-        self.world.0.borrow_mut().set_pins(pins);
+        let mut world = self.world.0.borrow_mut();
+        let mut driven = sticks;
+        for effect in &mut world.effects.actuator {
+            effect.drive(&mut driven);
+        }
+        world.set_pins(driven.map(|value| self.on_the_pin(value)));
         Ok(())
     }
 

@@ -13,8 +13,7 @@ use bench_rig::{GRAVITY_M_S2, Model, Rig};
 use nalgebra::{UnitQuaternion, Vector3};
 
 fn rig(model: Model) -> Rig {
-    let mut rig =
-        Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+    let mut rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
     rig.plant.model = model;
     rig
 }
@@ -29,8 +28,7 @@ fn fly(rig: &Rig, body: &mut Body, sticks: Sticks, duration_s: f64, dt_s: f64) {
     let nominal = Nominal::new(&rig.airframe);
     let effects = Effects::default();
     let free_thrust_n = nominal.free_thrust_n(sticks.throttle);
-    let forces =
-        Forces { nominal: &nominal, effects: &effects, free_thrust_n, mass_kg: nominal.mass_kg };
+    let forces = Forces { nominal: &nominal, effects: &effects, free_thrust_n, mass_kg: nominal.mass_kg };
     for _ in 0..(duration_s / dt_s).round() as u64 {
         body.step(dt_s, &forces, sticks);
     }
@@ -240,4 +238,23 @@ fn the_world_does_not_depend_on_how_often_it_is_looked_at() {
     let (a, b) = (often.world.borrow().true_state(), seldom.world.borrow().true_state());
     // Different steps, the same flow: RK4's error and one kink at 5 cm.
     assert!((a.position_m - b.position_m).norm() < 1e-6);
+}
+
+#[test]
+fn what_ails_the_output_shows_in_the_readback_and_what_comes_after_the_pin_does_not() {
+    let mut rig = rig(Model::Vertical);
+    rig.output.readback_noise_fraction = 0.0;
+    let pinned = |effect: &str| {
+        let mut rig = rig.clone();
+        rig.effects = vec![bench_plant::effects::parse_effect(effect).unwrap()];
+        let mut lab = Lab::new(&rig, 1).unwrap();
+        lab.output.write(centred(&rig, 2.3)).unwrap();
+        lab.clock.wait_until(Time::from_seconds(0.001)).unwrap();
+        lab.output.read_back().unwrap().sticks.throttle
+    };
+    let step = 3.3 / 255.0;
+    // 1.15 W: 0.5 V + 1.15 x 1.4 V.
+    assert!((pinned("actuator-saturation:high_thrust_to_weight=1.15") - 2.1096).abs() < step);
+    assert!((pinned("actuator-quantisation:step_fraction=0.1") - 2.31).abs() < step);
+    assert!((pinned("actuator-lag:time_constant_s=0.2") - 2.3).abs() < step);
 }

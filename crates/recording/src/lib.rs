@@ -1,3 +1,43 @@
-//! MCAP recordings.
+//! MCAP recordings: what a loop, a simulation or an import leaves behind, and everything that reads it.
+//!
+//! - A [`Recorder`] takes [`Record`]s from the loop without allocating or locking and writes them on its own thread.
+//! - A [`Recording`] reads them back one by one in bounded memory; a [`Flight`] holds them all as series for analysis.
+//! - [`recover`] makes a whole recording of one that was cut or left open; [`export`] makes tables for other tools.
+//! - [`Channel::fields`] lists every recorded quantity with its unit, once, for whoever compares or exports.
+//!
+//! Promises: a simulated recording repeats to the byte for the same records, session and version; what was flushed
+//! survives the end of the process; damage is never read as data.
+
+mod channel;
+mod codec;
+mod container;
+pub mod diff;
+mod error;
+mod export;
+mod field;
+mod flight;
+pub mod import;
+mod info;
+mod partial;
+mod proto;
 mod record;
-pub use record::*;
+mod recorder;
+mod recording;
+mod recover;
+mod session;
+mod writer;
+mod writer_thread;
+
+pub use channel::Channel;
+pub use error::RecordingError;
+pub use export::{ExportOptions, Exported, export};
+pub use field::{Field, Kind, Value};
+pub use flight::{Flight, PhaseInterval};
+pub use info::{AttachmentInfo, ChannelInfo, Info};
+pub use record::{
+    Battery, Command, ControlState, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor, Tick, Truth,
+};
+pub use recorder::{Finished, Options, Recorder, WhenFull};
+pub use recording::{Recording, Records};
+pub use recover::{RecoverReport, recover};
+pub use session::{Mode, Session};

@@ -16,7 +16,8 @@ pub enum Actuation {
 }
 
 impl Actuation {
-    const CHOICES: [(&'static str, Self); 3] =
+    /// All of them, by the names that files give them.
+    pub const CHOICES: [(&'static str, Self); 3] =
         [("volt", Self::Volt), ("fraction", Self::Fraction), ("count", Self::Count)];
 
     /// The ending of keys and column names.

@@ -292,6 +292,27 @@ impl<'a, 'p> Reader<'a, 'p> {
         }
     }
 
+    /// Reads the table `node` at `key`, such as one element of an array of tables; complains of keys that `visit` did
+    /// not ask for.
+    pub fn within(&mut self, key: &str, node: &'a Node, visit: impl FnOnce(&mut Self)) {
+        // The nested reader borrows what this one holds, so it takes this one's place while it reads.
+        let Value::Table(entries) = &node.value else {
+            self.wrong_type(key, node, "a table");
+            return;
+        };
+        let prefix = self.path(key);
+        let outer_prefix = std::mem::replace(&mut self.prefix, prefix);
+        let outer_line = std::mem::replace(&mut self.line, node.line);
+        let outer_entries = std::mem::replace(&mut self.entries, entries);
+        let outer_known = std::mem::take(&mut self.known);
+        visit(self);
+        self.complain_of_unknown_keys();
+        self.prefix = outer_prefix;
+        self.line = outer_line;
+        self.entries = outer_entries;
+        self.known = outer_known;
+    }
+
     fn point(&mut self, key: &str, node: &Node, range: Range) -> Option<[f64; 2]> {
         let Value::List(pair) = &node.value else {
             self.wrong_type(key, node, "a point [time_s, value]");
@@ -408,23 +429,9 @@ impl Visitor for Reader<'_, '_> {
     }
 
     fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
-        let Some(node) = self.require(key, "a table") else { return };
-        // The nested reader borrows what this one holds, so it takes this one's place while it reads.
-        let Value::Table(entries) = &node.value else {
-            self.wrong_type(key, node, "a table");
-            return;
-        };
-        let prefix = self.path(key);
-        let outer_prefix = std::mem::replace(&mut self.prefix, prefix);
-        let outer_line = std::mem::replace(&mut self.line, node.line);
-        let outer_entries = std::mem::replace(&mut self.entries, entries);
-        let outer_known = std::mem::take(&mut self.known);
-        visit(self);
-        self.complain_of_unknown_keys();
-        self.prefix = outer_prefix;
-        self.line = outer_line;
-        self.entries = outer_entries;
-        self.known = outer_known;
+        if let Some(node) = self.require(key, "a table") {
+            self.within(key, node, visit);
+        }
     }
 }
 

@@ -1,3 +1,5 @@
+use std::fmt::Write as _;
+
 use bench_plant::effects::{EffectSpec, LIBRARY, Prior};
 use clap::Args;
 use serde_json::{Value, json};
@@ -46,9 +48,9 @@ fn overview(specs: &[&EffectSpec]) -> String {
     for spec in specs {
         if stage != Some(spec.stage) {
             stage = Some(spec.stage);
-            out += &format!("{}\n", spec.stage.name());
+            let _ = writeln!(out, "{}", spec.stage.name());
         }
-        out += &format!("  {:<22} {}\n", spec.name, spec.summary);
+        let _ = writeln!(out, "  {:<22} {}", spec.name, spec.summary);
     }
     out + "\n`bench effects NAME` shows law, parameters and source; `bench sim --effect NAME:param=value` flies it.\n"
 }
@@ -63,13 +65,14 @@ fn in_full(spec: &EffectSpec) -> String {
         spec.source
     );
     for p in spec.parameters {
-        out += &format!(
-            "  {:<24} {}; {} to {} {}; typically {}\n",
+        let _ = writeln!(
+            out,
+            "  {:<24} {}; {} to {}{}; typically {}",
             p.key,
             p.meaning,
             p.min,
             p.max,
-            p.unit,
+            if p.unit == "1" { String::new() } else { format!(" {}", p.unit) },
             p.prior.typical()
         );
     }
@@ -88,7 +91,8 @@ fn as_json(spec: &EffectSpec) -> Value {
                 }
             };
             json!({
-                "key": p.key, "unit": p.unit, "meaning": p.meaning, "min": p.min, "max": p.max, "prior": prior
+                "key": p.key, "unit": p.unit, "meaning": p.meaning, "min": p.min, "max": p.max, "neutral": p.neutral,
+                "prior": prior
             })
         })
         .collect();

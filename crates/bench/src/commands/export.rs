@@ -31,6 +31,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     files::make_room(&arguments.output, arguments.force)?;
     let options = ExportOptions { channel: arguments.channel.clone() };
     let exported = export(&arguments.recording, &arguments.output, &options)?;
-    words::print(&format!("{} to {}", words::count(exported.rows, "row"), arguments.output.display()))?;
+    words::print(&format!("{} to {}", words::tables(&exported), arguments.output.display()))?;
     Ok(Exit::Done)
 }

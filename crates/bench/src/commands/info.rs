@@ -8,7 +8,9 @@ use crate::{exit::Exit, words};
 /// Say what a recording holds
 #[derive(Args)]
 #[command(after_help = "Example:
-  bench info recordings/climb-040-0.mcap")]
+  bench info recordings/climb-040-0.mcap
+
+Exit code 3 says that the recording was not closed.")]
 pub struct Arguments {
     /// Recording
     recording: PathBuf,
@@ -24,7 +26,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     } else {
         words::print(&in_words(&info))?;
     }
-    Ok(Exit::Done)
+    if info.closed {
+        return Ok(Exit::Done);
+    }
+    eprintln!(
+        "warning: {} was not closed, its end may be missing; `bench recover` makes a whole recording of it",
+        info.path.display()
+    );
+    Ok(Exit::DataLoss)
 }
 
 fn in_words(info: &Info) -> String {
@@ -55,7 +64,13 @@ fn in_words(info: &Info) -> String {
         line(key, value);
     }
     for channel in &info.channels {
-        let _ = writeln!(out, "  {:<20} {:>9}  {}", channel.name, words::grouped(channel.messages), channel.message);
+        let _ = writeln!(
+            out,
+            "  {:<20} {:>9}  {}",
+            channel.name,
+            words::grouped(channel.messages),
+            channel.message
+        );
     }
     for attachment in &info.attachments {
         let _ = writeln!(out, "  attached {} ({})", attachment.name, words::size(attachment.size_bytes));

@@ -76,11 +76,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     }
     // Effects are checked before an output is touched.
     bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
-    let output =
-        arguments.output.unwrap_or_else(|| files::default_recording(&mission.name, arguments.seed));
+    let output = arguments.output.unwrap_or_else(|| files::default_recording(&mission.name, arguments.seed));
     files::make_room(&output, arguments.force)?;
 
-    let mut recorder = Recorder::create(&output, &session(&rig, &mission, arguments.seed), Options::SIMULATION)?;
+    let mut recorder =
+        Recorder::create(&output, &session(&rig, &mission, arguments.seed), Options::SIMULATION)?;
     let bar = progress_bar(mission.duration_s());
     let began = Instant::now();
     let mut iterations = 0_u32;
@@ -97,7 +97,8 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     bar.finish_and_clear();
 
     let checks = check(&mission.criteria, &flown.summary);
-    let flight = Flight { rig: &rig, mission: &mission, seed: arguments.seed, flown: &flown, checks: &checks };
+    let flight =
+        Flight { rig: &rig, mission: &mission, seed: arguments.seed, flown: &flown, checks: &checks };
     if arguments.json {
         words::print_json(&flight.as_json(&finished))?;
     } else {
@@ -110,7 +111,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     if let Some(table) = &arguments.export {
         let exported = export(&output, table, &ExportOptions::default())
             .with_context(|| format!("cannot export to {}", table.display()))?;
-        eprintln!("exported {} to {}", words::count(exported.rows, "row"), table.display());
+        eprintln!("exported {} to {}", words::tables(&exported), table.display());
     }
     Ok(flight.exit())
 }

@@ -1,0 +1,118 @@
+use std::path::PathBuf;
+
+use anyhow::Context;
+use bench_recording::diff::{
+    Align, DiffOptions, ToleranceKey, Tolerances, Verdict, diff, render_html, render_text,
+};
+use clap::{Args, ValueEnum};
+
+use crate::{exit::Exit, words};
+
+/// Compare two recordings, field by field
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench diff sim.mcap lab.mcap
+  bench diff sim.mcap lab.mcap --html diff.html --abs position_m.z=0.02
+  bench diff sim.mcap lab.mcap --floor lab-1.mcap lab-2.mcap lab-3.mcap
+
+Exit code 0: the same or within tolerance; 1: different; 2: cannot be compared. docs/diff.md tells the
+rules.")]
+pub struct Arguments {
+    /// First recording
+    a: PathBuf,
+    /// Second recording
+    b: PathBuf,
+    /// How the clocks are brought together
+    #[arg(long, default_value = "auto")]
+    align: AlignChoice,
+    /// Tolerance file
+    #[arg(long, value_name = "FILE")]
+    tolerances: Option<PathBuf>,
+    /// Absolute tolerance of a field, in its unit; may be repeated
+    #[arg(long, value_name = "FIELD=X")]
+    abs: Vec<String>,
+    /// Relative tolerance of a field; may be repeated
+    #[arg(long, value_name = "FIELD=X")]
+    rel: Vec<String>,
+    /// Time tolerance of a field, s; may be repeated
+    #[arg(long, value_name = "FIELD=X")]
+    time: Vec<String>,
+    /// Leave a field out of the verdict; may be repeated
+    #[arg(long, value_name = "FIELD")]
+    ignore: Vec<String>,
+    /// Repeats of one flight: what they differ by is tolerated
+    #[arg(long, num_args = 2.., value_name = "RECORDING")]
+    floor: Vec<PathBuf>,
+    /// Show every field, not only what matters
+    #[arg(long)]
+    all: bool,
+    /// Also write a page with overlaid traces
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Print as JSON (schema bench.diff/1)
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum AlignChoice {
+    /// None for two simulations that start together, else by phase, else by clock
+    Auto,
+    /// Equal times belong together
+    None,
+    /// The starts of the mission's phases belong together
+    Phase,
+    /// Offset and drift estimated from a shared signal
+    Clock,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let options = DiffOptions {
+        align: match arguments.align {
+            AlignChoice::Auto => Align::Auto,
+            AlignChoice::None => Align::None,
+            AlignChoice::Phase => Align::Phase,
+            AlignChoice::Clock => Align::Clock,
+        },
+        tolerances: tolerances(arguments)?,
+        floor: arguments.floor.clone(),
+        ..DiffOptions::default()
+    };
+    let report = diff(&arguments.a, &arguments.b, &options)?;
+    if let Some(page) = &arguments.html {
+        std::fs::write(page, render_html(&report))
+            .with_context(|| format!("cannot write {}", page.display()))?;
+        eprintln!("wrote {}", page.display());
+    }
+    if arguments.json {
+        words::print_json(&report)?;
+    } else {
+        words::print(&render_text(&report, arguments.all))?;
+    }
+    Ok(match report.verdict() {
+        Verdict::Same | Verdict::WithinTolerance => Exit::Done,
+        Verdict::NotComparable => Exit::BadInput,
+        _ => Exit::CheckFailed,
+    })
+}
+
+fn tolerances(arguments: &Arguments) -> anyhow::Result<Tolerances> {
+    let mut tolerances = match &arguments.tolerances {
+        Some(file) => Tolerances::load(file)?,
+        None => Tolerances::default(),
+    };
+    let flags = [
+        (ToleranceKey::Absolute, &arguments.abs),
+        (ToleranceKey::Relative, &arguments.rel),
+        (ToleranceKey::Time, &arguments.time),
+    ];
+    for (key, texts) in flags {
+        for text in texts {
+            tolerances.add_flag(key, text)?;
+        }
+    }
+    for pattern in &arguments.ignore {
+        tolerances.ignore(pattern)?;
+    }
+    Ok(tolerances)
+}

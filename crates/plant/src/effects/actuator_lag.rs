@@ -1,0 +1,70 @@
+//! Between the output's pin and the motors' command: input filter, hand controller, radio.
+
+use bench_device::Sticks;
+use bench_rig::Rig;
+
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::Lag};
+
+/// All four sticks pass a first-order lag.
+pub(super) static SPEC: EffectSpec = EffectSpec {
+    name: "actuator-lag",
+    stage: Stage::Actuator,
+    summary: "the motors hear the sticks through a first-order lag",
+    law: "du/dt = (pin - u)/tau",
+    source: "Stevens, Lewis, Johnson, Aircraft Control and Simulation, 3rd ed., 2015: actuators as first-order lags",
+    parameters: &[Parameter {
+        key: "time_constant_s",
+        unit: "s",
+        meaning: "time constant of all four sticks",
+        min: 0.0,
+        max: 2.0,
+        prior: Prior::LogNormal { median: 0.05, sigma_ln: 0.9 },
+        neutral: Some(0.0),
+    }],
+    build,
+};
+
+fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(ActuatorLag { time_constant_s: values[0], lags: None })
+}
+
+struct ActuatorLag {
+    time_constant_s: f64,
+    /// Settled on the first input: the hand controller was on before the flight began.
+    lags: Option<[Lag; 4]>,
+}
+
+impl Effect for ActuatorLag {
+    fn actuate(&mut self, dt_s: f64, sticks: &mut Sticks) {
+        let mut values = sticks.to_array();
+        let lags = self.lags.get_or_insert_with(|| values.map(|value| Lag::new(self.time_constant_s, value)));
+        for (value, lag) in values.iter_mut().zip(lags) {
+            *value += lag.advance(dt_s, *value).mean;
+        }
+        *sticks = Sticks::from_array(values);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bench_device::Sticks;
+
+    use crate::effects::testing::effect;
+
+    #[test]
+    fn after_a_step_all_sticks_go_63_percent_of_the_way_in_one_time_constant() {
+        let mut lag = effect("actuator-lag", &[0.1]);
+        let mut heard = Sticks::from_array([1.0, 2.0, 2.0, 2.0]);
+        lag.actuate(0.1, &mut heard);
+        assert_eq!(heard, Sticks::from_array([1.0, 2.0, 2.0, 2.0]));
+        for _ in 0..1000 {
+            heard = Sticks::from_array([2.0, 1.0, 2.0, 3.0]);
+            lag.actuate(1e-4, &mut heard);
+        }
+        // The value is the mean of the last 0.1 ms step, a thousandth of the time constant.
+        let left = (-1.0_f64).exp();
+        for (value, expected) in heard.to_array().into_iter().zip([2.0 - left, 1.0 + left, 2.0, 3.0 - left]) {
+            assert!((value - expected).abs() < 1e-3, "{value}, not {expected}");
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! A ceiling, or a lid over the test volume, draws the rotors up.
+
+use bench_rig::Rig;
+
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use crate::nominal::Air;
+
+/// Thrust grows exponentially towards a surface above.
+pub(super) static SPEC: EffectSpec = EffectSpec {
+    name: "ceiling-effect",
+    stage: Stage::Environment,
+    summary: "thrust grows near a surface above",
+    law: "T' = T (1 + gain exp(-max(0, ceiling - z)/decay))",
+    source: "Hsiao and Chirarattananon, Ceiling Effects for Hybrid Aerial-Surface Locomotion of Small Rotorcraft, IEEE/ASME Transactions on Mechatronics 24(5), 2019: the effect on small rotors; its exponential fit as in the ground-effect model of He, Kou, Calaf, Leang, 2019",
+    parameters: &[
+        Parameter {
+            key: "gain",
+            unit: "1",
+            meaning: "fraction of thrust gained at the ceiling",
+            min: 0.0,
+            max: 3.0,
+            prior: Prior::LogNormal { median: 0.4, sigma_ln: 0.5 },
+            neutral: Some(0.0),
+        },
+        Parameter {
+            key: "ceiling_m",
+            unit: "m",
+            meaning: "height of the ceiling above the take-off surface",
+            min: 0.05,
+            max: 100.0,
+            prior: Prior::LogNormal { median: 0.8, sigma_ln: 0.5 },
+            neutral: None,
+        },
+        Parameter {
+            key: "decay_m",
+            unit: "m",
+            meaning: "distance over which the gain falls by e",
+            min: 0.002,
+            max: 5.0,
+            prior: Prior::LogNormal { median: 0.06, sigma_ln: 0.7 },
+            neutral: None,
+        },
+    ],
+    build,
+};
+
+fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(CeilingEffect { gain: values[0], ceiling_m: values[1], decay_m: values[2] })
+}
+
+struct CeilingEffect {
+    gain: f64,
+    ceiling_m: f64,
+    decay_m: f64,
+}
+
+impl Effect for CeilingEffect {
+    fn thrust(&self, air: &Air, thrust_n: &mut f64) {
+        let distance_m = (self.ceiling_m - air.height_m).max(0.0);
+        *thrust_n *= 1.0 + self.gain * (-distance_m / self.decay_m).exp();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::testing::{air, effect};
+
+    #[test]
+    fn the_gain_is_full_at_the_ceiling_and_falls_by_e_over_the_decay() {
+        let ceiling = effect("ceiling-effect", &[0.4, 1.0, 0.1]);
+        let gain_at = |height_m| {
+            let mut thrust_n = 1.0;
+            ceiling.thrust(&air(height_m, 0.0), &mut thrust_n);
+            thrust_n - 1.0
+        };
+        assert!((gain_at(1.0) - 0.4).abs() < 1e-12);
+        assert!((gain_at(0.9) - 0.4 * (-1.0_f64).exp()).abs() < 1e-12);
+        assert!(gain_at(0.0) < 0.4 * 5e-5);
+    }
+}

@@ -1,0 +1,71 @@
+//! Descending, rotors sink into their own wake: the way into the vortex ring state.
+
+use bench_rig::Rig;
+
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use crate::nominal::Air;
+
+/// Thrust is lost in descent, smoothly from none at rest to a fraction beyond a speed.
+pub(super) static SPEC: EffectSpec = EffectSpec {
+    name: "descent-thrust-loss",
+    stage: Stage::Airframe,
+    summary: "thrust is lost in descent, in the rotors' own wake",
+    law: "T' = T (1 - fraction (1 - exp(-(max(0, -v_z)/speed)^2)))",
+    source: "Johnson, Model for Vortex Ring State Influence on Rotorcraft Flight Dynamics, NASA/TP-2005-213477, 2005; here its onset alone, as one smooth step in descent speed",
+    parameters: &[
+        Parameter {
+            key: "fraction",
+            unit: "1",
+            meaning: "fraction of thrust lost in fast descent",
+            min: 0.0,
+            max: 0.9,
+            prior: Prior::LogNormal { median: 0.15, sigma_ln: 0.7 },
+            neutral: Some(0.0),
+        },
+        Parameter {
+            key: "speed_m_s",
+            unit: "m/s",
+            meaning: "descent speed at which 63 % of that is lost",
+            min: 0.02,
+            max: 50.0,
+            prior: Prior::LogNormal { median: 0.8, sigma_ln: 0.7 },
+            neutral: None,
+        },
+    ],
+    build,
+};
+
+fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(DescentThrustLoss { fraction: values[0], speed_m_s: values[1] })
+}
+
+struct DescentThrustLoss {
+    fraction: f64,
+    speed_m_s: f64,
+}
+
+impl Effect for DescentThrustLoss {
+    fn thrust(&self, air: &Air, thrust_n: &mut f64) {
+        let descent = (-air.velocity_m_s.z).max(0.0) / self.speed_m_s;
+        *thrust_n *= 1.0 + self.fraction * (-descent * descent).exp_m1();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::testing::{air, effect};
+
+    #[test]
+    fn nothing_is_lost_in_climb_63_percent_at_the_speed_and_all_beyond() {
+        let loss = effect("descent-thrust-loss", &[0.2, 0.5]);
+        let lost_at = |speed_m_s| {
+            let mut thrust_n = 1.0;
+            loss.thrust(&air(1.0, speed_m_s), &mut thrust_n);
+            1.0 - thrust_n
+        };
+        assert_eq!(lost_at(1.0), 0.0);
+        assert_eq!(lost_at(0.0), 0.0);
+        assert!((lost_at(-0.5) - 0.2 * (1.0 - (-1.0_f64).exp())).abs() < 1e-12);
+        assert!((lost_at(-3.0) - 0.2).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,56 @@
+//! Thrust is not linear in throttle.
+
+use bench_rig::Rig;
+
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+
+/// Thrust bends about the hover point.
+pub(super) static SPEC: EffectSpec = EffectSpec {
+    name: "thrust-curve",
+    stage: Stage::Propulsion,
+    summary: "thrust bends with throttle, about the hover point",
+    law: "T' = max(0, T (1 + c (T - W)/W))",
+    source: "Förster, System Identification of the Crazyflie 2.0 Nano Quadrocopter, ETH Zurich, 2015: thrust as a polynomial of second degree in the command",
+    parameters: &[Parameter {
+        key: "curvature",
+        unit: "1",
+        meaning: "curvature c: relative gain of thrust at twice the hover thrust",
+        min: -1.0,
+        max: 2.0,
+        prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
+        neutral: Some(0.0),
+    }],
+    build,
+};
+
+fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(ThrustCurve { curvature: values[0], weight_n: rig.airframe.weight_n() })
+}
+
+struct ThrustCurve {
+    curvature: f64,
+    weight_n: f64,
+}
+
+impl Effect for ThrustCurve {
+    fn propel(&mut self, _: f64, free_thrust_n: &mut f64) {
+        let beyond_hover = (*free_thrust_n - self.weight_n) / self.weight_n;
+        *free_thrust_n = (*free_thrust_n * (1.0 + self.curvature * beyond_hover)).max(0.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::testing::{effect, rig};
+
+    #[test]
+    fn hover_stays_and_a_curvature_of_one_is_a_parabola() {
+        let weight_n = rig().airframe.weight_n();
+        let mut curve = effect("thrust-curve", &[1.0]);
+        for ratio in [0.0, 0.5, 1.0, 1.5] {
+            let mut thrust_n = ratio * weight_n;
+            curve.propel(1e-3, &mut thrust_n);
+            assert!((thrust_n / weight_n - ratio * ratio).abs() < 1e-12);
+        }
+    }
+}

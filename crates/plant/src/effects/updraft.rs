@@ -1,0 +1,55 @@
+//! A steady draught: a heater, a fan, the room.
+
+use bench_rig::Rig;
+use nalgebra::Vector3;
+
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use crate::nominal::Air;
+
+/// A steady vertical wind acts through the nominal drag.
+pub(super) static SPEC: EffectSpec = EffectSpec {
+    name: "updraft",
+    stage: Stage::Environment,
+    summary: "a steady vertical wind acts through the drag",
+    law: "F_z = Cf speed",
+    source: "Beard and McLain, Small Unmanned Aircraft: Theory and Practice, 2012, chapter 4: drag on the velocity through the air",
+    parameters: &[Parameter {
+        key: "speed_m_s",
+        unit: "m/s",
+        meaning: "vertical speed of the air, up",
+        min: -20.0,
+        max: 20.0,
+        prior: Prior::Normal { mean: 0.0, sigma: 0.3 },
+        neutral: Some(0.0),
+    }],
+    build,
+};
+
+fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(Updraft { force_n: values[0] * rig.airframe.drag_n_s_per_m.value })
+}
+
+struct Updraft {
+    force_n: f64,
+}
+
+impl Effect for Updraft {
+    fn force(&self, _: &Air, force_n: &mut Vector3<f64>) {
+        force_n.z += self.force_n;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use crate::effects::testing::{air, effect};
+
+    #[test]
+    fn the_force_is_nominal_drag_times_wind_upwards() {
+        let mut force_n = Vector3::zeros();
+        effect("updraft", &[0.5]).force(&air(1.0, 0.0), &mut force_n);
+        // 0.012 N s/m of drag.
+        assert!((force_n - Vector3::new(0.0, 0.0, 0.006)).norm() < 1e-15);
+    }
+}

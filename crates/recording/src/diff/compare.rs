@@ -1,0 +1,461 @@
+//! The second pass: both recordings at once, in order of time, each sample against the other recording.
+//!
+//! Memory is bounded by the time tolerance and the gaps that are bridged, not by the recordings' length: a field keeps
+//! the samples of [`FieldMerge::reach_ns`] or so on either side.
+
+use std::{
+    collections::{BTreeMap, VecDeque, hash_map::DefaultHasher},
+    hash::Hasher,
+};
+
+use super::{
+    align::TimeMap,
+    law::{Cell, Entry, Extractor, Interpolation, Law, catalogue, name_number, wrapped},
+    report::{Tolerance, Trace},
+    scan::Scan,
+    series::{Series, Shift, best_shift},
+    trace::TraceBuilder,
+};
+use crate::{Channel, Record, RecordingError, Value};
+
+/// Most names that are kept for messages.
+const NAMES_MAX: usize = 1000;
+
+/// How one field is compared in this run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Setup {
+    pub law: Law,
+    pub tolerance: Tolerance,
+    /// Samples further apart than this have nothing between them, ns; of A and of B.
+    pub gaps_ns: [i64; 2],
+    /// Whether a lag is looked for.
+    pub lag: bool,
+}
+
+/// What is drawn: the time axis on A's clock, ns, and into how many stretches it is cut.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Axis {
+    pub from_ns: i64,
+    pub until_ns: i64,
+    pub stretches: usize,
+}
+
+/// What came out for one field.
+#[derive(Debug, Default)]
+pub(super) struct Outcome {
+    /// Samples that were compared, of A and of B.
+    pub compared: [u64; 2],
+    /// Every sample has an equal one at an equal time.
+    pub same: bool,
+    pub tally: Tally,
+    /// Names at the first sample beyond the tolerance, A's and B's.
+    pub names: Option<[String; 2]>,
+    pub shift: Option<Shift>,
+    pub trace: Option<Trace>,
+}
+
+/// Sums over the samples compared. Differences are B less A.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Tally {
+    /// Samples with a difference; those of events without a counterpart have none.
+    pub count: u64,
+    pub sum: f64,
+    pub squares: f64,
+    pub largest: f64,
+    pub largest_ns: i64,
+    pub beyond: u64,
+    pub first_ns: Option<i64>,
+    /// Values at the first sample beyond, A's and B's.
+    first: [Option<f64>; 2],
+    pub first_over_rms_ns: Option<i64>,
+    /// Largest difference (after the time tolerance) over its tolerance; infinite where the tolerance is 0.
+    pub worst: f64,
+}
+
+impl Tally {
+    pub fn rms(&self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    t_ns: i64,
+    /// Samples of different pieces have nothing between them.
+    piece: u32,
+    value: f64,
+}
+
+/// One recording's samples of a field.
+struct Track {
+    window: VecDeque<Sample>,
+    /// How many at the window's front have been compared.
+    judged: usize,
+    gap_ns: i64,
+    count: u64,
+    compared: u64,
+    /// Samples without a counterpart on the other clock, or out of order beyond repair.
+    left_out: u64,
+    digest: DefaultHasher,
+    last_ns: i64,
+}
+
+impl Track {
+    fn new(gap_ns: i64) -> Self {
+        Self {
+            window: VecDeque::new(),
+            judged: 0,
+            gap_ns,
+            count: 0,
+            compared: 0,
+            left_out: 0,
+            digest: DefaultHasher::new(),
+            last_ns: i64::MIN,
+        }
+    }
+
+    fn push(&mut self, sample: Sample) -> bool {
+        if sample.t_ns < self.last_ns {
+            self.left_out += 1;
+            return false;
+        }
+        self.last_ns = sample.t_ns;
+        self.count += 1;
+        self.digest.write_i64(sample.t_ns);
+        self.digest.write_u64(sample.value.to_bits());
+        self.window.push_back(sample);
+        true
+    }
+
+    /// The value at an instant.
+    fn at(&self, law: Law, t_ns: i64, piece: u32) -> Option<f64> {
+        let after = self.window.partition_point(|sample| sample.t_ns <= t_ns);
+        let before = self.window.get(after.checked_sub(1)?).filter(|sample| sample.piece == piece)?;
+        let since_ns = t_ns.saturating_sub(before.t_ns);
+        if since_ns == 0 {
+            return Some(before.value);
+        }
+        match law.interpolation {
+            Interpolation::None => None,
+            Interpolation::Hold => (since_ns <= self.gap_ns).then_some(before.value),
+            Interpolation::Linear => {
+                let next = self.window.get(after).filter(|sample| sample.piece == piece)?;
+                let interval_ns = next.t_ns.saturating_sub(before.t_ns);
+                let rise = difference(law, before.value, next.value);
+                (interval_ns <= self.gap_ns)
+                    .then(|| before.value + rise * (since_ns as f64 / interval_ns as f64))
+            }
+        }
+    }
+
+    /// The differences to `value` within a time of the instant: at its ends, where there is a value, and of all samples
+    /// between them.
+    fn around(&self, law: Law, sample: Sample, within_ns: i64) -> impl Iterator<Item = f64> {
+        let (from_ns, until_ns) =
+            (sample.t_ns.saturating_sub(within_ns), sample.t_ns.saturating_add(within_ns));
+        let ends = [from_ns, until_ns].map(|t_ns| self.at(law, t_ns, sample.piece));
+        let first = self.window.partition_point(|other| other.t_ns < from_ns);
+        let between = self.window.range(first..).take_while(move |other| other.t_ns <= until_ns);
+        let between = between.filter(move |other| other.piece == sample.piece).map(|other| other.value);
+        ends.into_iter().flatten().chain(between).map(move |value| difference(law, sample.value, value))
+    }
+
+    fn prune(&mut self, before_ns: i64) {
+        while self.judged > 0 && self.window.front().is_some_and(|sample| sample.t_ns < before_ns) {
+            self.window.pop_front();
+            self.judged -= 1;
+        }
+    }
+}
+
+/// `to` less `from`.
+fn difference(law: Law, from: f64, to: f64) -> f64 {
+    if law.wraps { wrapped(to - from) } else { to - from }
+}
+
+/// What the other recording has for a sample.
+struct Match {
+    /// Its difference at the same instant, or the least one within the time tolerance.
+    now: f64,
+    /// How far it stays off within the time tolerance, 0 or more.
+    off: f64,
+}
+
+fn match_sample(law: Law, sample: Sample, other: &Track, within_ns: i64) -> Option<Match> {
+    let instant = other.at(law, sample.t_ns, sample.piece).map(|value| difference(law, sample.value, value));
+    if within_ns == 0 {
+        return instant.map(|now| Match { now, off: now.abs() });
+    }
+    let (mut low, mut high, mut least) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY);
+    for x in other.around(law, sample, within_ns).chain(instant) {
+        low = low.min(x);
+        high = high.max(x);
+        if x.abs() < least.abs() {
+            least = x;
+        }
+    }
+    if !least.is_finite() {
+        return None;
+    }
+    // A line between two values passes all that lie between them, unless they are angles half a turn apart.
+    let passed = law.interpolation == Interpolation::Linear
+        && low <= 0.0
+        && high >= 0.0
+        && !(law.wraps && high - low > std::f64::consts::PI);
+    Some(Match { now: instant.unwrap_or(least), off: if passed { 0.0 } else { least.abs() } })
+}
+
+/// One field of both recordings.
+struct FieldMerge {
+    setup: Setup,
+    within_ns: i64,
+    tracks: [Track; 2],
+    /// Instants of which both recordings have samples of anything; events outside are not looked for.
+    shared_ns: (i64, i64),
+    tally: Tally,
+    series: Option<[Series; 2]>,
+    trace: Option<TraceBuilder>,
+}
+
+impl FieldMerge {
+    fn new(setup: Setup, shared_ns: (i64, i64), axis: Option<Axis>) -> Self {
+        let gap_ns = setup.gaps_ns[0].max(setup.gaps_ns[1]);
+        let draws = !setup.law.names && setup.law.interpolation != Interpolation::None;
+        Self {
+            within_ns: (setup.tolerance.time_s * 1e9).round() as i64,
+            tracks: setup.gaps_ns.map(Track::new),
+            shared_ns,
+            tally: Tally::default(),
+            series: (setup.lag && !setup.law.exact && !setup.law.wraps)
+                .then(|| [Series::new(), Series::new()]),
+            trace: axis.filter(|_| draws).map(|axis| TraceBuilder::new(axis, gap_ns)),
+            setup,
+        }
+    }
+
+    /// How far from a sample the other recording's samples matter, ns.
+    fn reach_ns(&self) -> i64 {
+        self.within_ns + self.setup.gaps_ns[0].max(self.setup.gaps_ns[1])
+    }
+
+    fn push(&mut self, side: usize, sample: Sample) {
+        if !self.tracks[side].push(sample) {
+            return;
+        }
+        if let Some(series) = &mut self.series {
+            series[side].push(sample.t_ns, sample.value);
+        }
+        if let Some(trace) = &mut self.trace {
+            trace.value(side, sample.t_ns, sample.value);
+        }
+        // Both recordings come in one order of time, so all that is older than this has come.
+        self.settle(sample.t_ns.saturating_sub(self.reach_ns()));
+    }
+
+    /// Compares all samples before an instant.
+    fn settle(&mut self, before_ns: i64) {
+        for side in 0..2 {
+            while let Some(&sample) = self.tracks[side].window.get(self.tracks[side].judged)
+                && sample.t_ns < before_ns
+            {
+                self.tracks[side].judged += 1;
+                self.judge(side, sample);
+            }
+        }
+        let needed_ns = before_ns.saturating_sub(self.reach_ns());
+        self.tracks.iter_mut().for_each(|track| track.prune(needed_ns));
+    }
+
+    fn judge(&mut self, side: usize, sample: Sample) {
+        let Setup { law, tolerance, .. } = self.setup;
+        let other = &self.tracks[1 - side];
+        let Some(found) = match_sample(law, sample, other, self.within_ns) else {
+            let expected = law.interpolation == Interpolation::None
+                && (self.shared_ns.0..=self.shared_ns.1).contains(&sample.t_ns);
+            if expected {
+                self.tracks[side].compared += 1;
+                self.tally.beyond(sample.t_ns, side, sample.value, None);
+            }
+            return;
+        };
+        self.tracks[side].compared += 1;
+        let there = sample.value + found.now;
+        if !law.names {
+            let b_less_a = if side == 0 { found.now } else { -found.now };
+            self.tally.add(sample.t_ns, b_less_a, tolerance.rms);
+            if let Some(trace) = &mut self.trace {
+                trace.difference(sample.t_ns, b_less_a);
+            }
+        }
+        let allowed = tolerance.absolute.max(tolerance.relative * sample.value.abs().max(there.abs()));
+        if !law.exact && found.off > 0.0 {
+            self.tally.worst = self.tally.worst.max(found.off / allowed);
+        }
+        if found.off > allowed {
+            self.tally.beyond(sample.t_ns, side, sample.value, Some(there));
+        }
+    }
+
+    fn finish(mut self, names: &Names) -> Outcome {
+        self.settle(i64::MAX);
+        let [a, b] = &self.tracks;
+        let same =
+            a.count == b.count && a.left_out + b.left_out == 0 && a.digest.finish() == b.digest.finish();
+        let differs = self.tally.largest > 0.0;
+        let shift = self.series.as_ref().filter(|_| differs).and_then(|[a, b]| best_shift(a, b));
+        let first = self.tally.first_ns.filter(|_| self.setup.law.names);
+        Outcome {
+            compared: [a.compared, b.compared],
+            same,
+            names: first.map(|_| self.tally.first.map(|name| names.get(name))),
+            tally: self.tally,
+            shift,
+            trace: self.trace.map(|trace| trace.finish(same)),
+        }
+    }
+}
+
+impl Tally {
+    fn add(&mut self, t_ns: i64, b_less_a: f64, rms_limit: Option<f64>) {
+        let size = b_less_a.abs();
+        self.count += 1;
+        self.sum += b_less_a;
+        self.squares += size * size;
+        if size > self.largest {
+            (self.largest, self.largest_ns) = (size, t_ns);
+        }
+        if rms_limit.is_some_and(|limit| size > limit) {
+            // Samples of A and B are compared in turns, each in order.
+            self.first_over_rms_ns = Some(self.first_over_rms_ns.map_or(t_ns, |first| first.min(t_ns)));
+        }
+    }
+
+    fn beyond(&mut self, t_ns: i64, side: usize, value: f64, there: Option<f64>) {
+        self.beyond += 1;
+        if self.first_ns.is_none_or(|first| t_ns < first) {
+            self.first_ns = Some(t_ns);
+            self.first = if side == 0 { [Some(value), there] } else { [there, Some(value)] };
+        }
+    }
+}
+
+/// Names by the numbers that stand for them.
+#[derive(Default)]
+struct Names {
+    names: BTreeMap<u64, String>,
+}
+
+impl Names {
+    fn learn(&mut self, entries: &[Entry], slot: usize, record: &Record) {
+        if let Value::Text(text) = entries[slot].field.value(record)
+            && self.names.len() < NAMES_MAX
+        {
+            self.names.entry(name_number(text).to_bits()).or_insert_with(|| text.to_owned());
+        }
+    }
+
+    fn get(&self, name: Option<f64>) -> String {
+        let Some(name) = name else { return "nothing".to_owned() };
+        self.names.get(&name.to_bits()).cloned().unwrap_or_else(|| "another text".to_owned())
+    }
+}
+
+/// Compares the fields that have a setup; one outcome a slot.
+pub(super) fn compare(
+    a: &Scan,
+    b: &Scan,
+    map: &TimeMap,
+    setups: &[Option<Setup>],
+    axis: Option<Axis>,
+) -> Result<Vec<Option<Outcome>>, RecordingError> {
+    let b_ends = [b.first_ns, b.last_ns].map(|t_ns| map.place(1, t_ns).map(|(t_ns, _)| t_ns));
+    let shared_ns = (
+        b_ends[0].map_or(a.first_ns, |t| t.max(a.first_ns)),
+        b_ends[1].map_or(a.last_ns, |t| t.min(a.last_ns)),
+    );
+    let merge = |setup: &Option<Setup>| setup.map(|setup| FieldMerge::new(setup, shared_ns, axis));
+    let mut merges: Vec<Option<FieldMerge>> = setups.iter().map(merge).collect();
+    let mut names = Names::default();
+    let channels = Channel::ALL;
+    // A file that is out of order is read once a channel: each for itself is in order, or nothing is.
+    let groups: Vec<&[Channel]> =
+        if a.is_unsorted() || b.is_unsorted() { channels.chunks(1).collect() } else { vec![&channels] };
+    for group in groups {
+        read_both(a, b, map, group, &mut merges, &mut names)?;
+    }
+    Ok(merges.into_iter().map(|merge| merge.map(|merge| merge.finish(&names))).collect())
+}
+
+fn read_both(
+    a: &Scan,
+    b: &Scan,
+    map: &TimeMap,
+    channels: &[Channel],
+    merges: &mut [Option<FieldMerge>],
+    names: &mut Names,
+) -> Result<(), RecordingError> {
+    let entries = catalogue();
+    let mut extractors = [Extractor::new(), Extractor::new()];
+    let mut sources = [Placed::new(a.sorted(channels)?, 0, map)?, Placed::new(b.sorted(channels)?, 1, map)?];
+    while let Some(side) = earlier(&sources) {
+        let Some(Head { place, record, .. }) = sources[side].take()? else { break };
+        extractors[side].each(&record, |slot, cell| {
+            let (Some(merge), Cell::Number(value)) = (&mut merges[slot], cell) else { return };
+            if merge.setup.law.names {
+                names.learn(&entries, slot, &record);
+            }
+            match place {
+                Some((t_ns, piece)) => merge.push(side, Sample { t_ns, piece, value }),
+                None => merge.tracks[side].left_out += 1,
+            }
+        });
+    }
+    Ok(())
+}
+
+/// The side whose next record comes first; `None` at the end of both.
+fn earlier<I>(sources: &[Placed<'_, I>; 2]) -> Option<usize> {
+    match (&sources[0].head, &sources[1].head) {
+        (Some(a), Some(b)) => Some(usize::from(b.due_ns < a.due_ns)),
+        (Some(_), None) => Some(0),
+        (None, Some(_)) => Some(1),
+        (None, None) => None,
+    }
+}
+
+/// A recording's records with their places on A's clock.
+struct Placed<'a, I> {
+    records: I,
+    side: usize,
+    map: &'a TimeMap,
+    head: Option<Head>,
+}
+
+struct Head {
+    /// Its place, or that of the record before if it has none, ns.
+    due_ns: i64,
+    place: Option<(i64, u32)>,
+    record: Record,
+}
+
+impl<'a, I: Iterator<Item = Result<(i64, Record), RecordingError>>> Placed<'a, I> {
+    fn new(records: I, side: usize, map: &'a TimeMap) -> Result<Self, RecordingError> {
+        let mut placed = Self { records, side, map, head: None };
+        placed.advance(i64::MIN)?;
+        Ok(placed)
+    }
+
+    fn advance(&mut self, before_ns: i64) -> Result<(), RecordingError> {
+        self.head = self.records.next().transpose()?.map(|(t_ns, record)| {
+            let place = self.map.place(self.side, t_ns);
+            Head { due_ns: place.map_or(before_ns, |(t_ns, _)| t_ns), place, record }
+        });
+        Ok(())
+    }
+
+    fn take(&mut self) -> Result<Option<Head>, RecordingError> {
+        let Some(head) = self.head.take() else { return Ok(None) };
+        self.advance(head.due_ns)?;
+        Ok(Some(head))
+    }
+}

@@ -1,0 +1,116 @@
+//! Series for drawing: least and greatest values of equal stretches of time.
+
+use super::{compare::Axis, report::Trace};
+
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    least: f64,
+    greatest: f64,
+    count: u32,
+    /// Sum of the samples' times since the axis began, s.
+    time_s: f64,
+}
+
+const EMPTY: Stretch = Stretch { least: f64::INFINITY, greatest: f64::NEG_INFINITY, count: 0, time_s: 0.0 };
+
+/// Collects one field's trace.
+pub(super) struct TraceBuilder {
+    axis: Axis,
+    gap_s: f64,
+    /// A, B and their difference.
+    lines: [Vec<Stretch>; 3],
+}
+
+impl TraceBuilder {
+    /// Lines are broken where samples are further apart than `gap_ns`.
+    pub fn new(axis: Axis, gap_ns: i64) -> Self {
+        let lines = std::array::from_fn(|_| vec![EMPTY; axis.stretches]);
+        Self { axis, gap_s: gap_ns as f64 * 1e-9, lines }
+    }
+
+    /// Adds a sample of A (0) or B (1).
+    pub fn value(&mut self, side: usize, t_ns: i64, value: f64) {
+        self.add(side, t_ns, value);
+    }
+
+    /// Adds a difference.
+    pub fn difference(&mut self, t_ns: i64, value: f64) {
+        self.add(2, t_ns, value);
+    }
+
+    fn add(&mut self, line: usize, t_ns: i64, value: f64) {
+        let Axis { from_ns, until_ns, stretches } = self.axis;
+        let since_s = t_ns.saturating_sub(from_ns) as f64 * 1e-9;
+        let length_s = (until_ns.saturating_sub(from_ns) as f64 * 1e-9).max(1e-9);
+        let place = (since_s / length_s * stretches as f64).clamp(0.0, stretches as f64 - 1.0) as usize;
+        if let Some(stretch) = self.lines[line].get_mut(place) {
+            stretch.least = stretch.least.min(value);
+            stretch.greatest = stretch.greatest.max(value);
+            stretch.count += 1;
+            stretch.time_s += since_s;
+        }
+    }
+
+    /// The trace; of equal series only the first is kept.
+    pub fn finish(self, same: bool) -> Trace {
+        let from_s = self.axis.from_ns as f64 * 1e-9;
+        let until_s = self.axis.until_ns as f64 * 1e-9;
+        let stretch_s = (until_s - from_s) / self.axis.stretches.max(1) as f64;
+        let break_s = self.gap_s + 2.0 * stretch_s;
+        let [a, b, difference] = self.lines.map(|line| points(&line, from_s, break_s));
+        let (b, difference) = if same { (Vec::new(), Vec::new()) } else { (b, difference) };
+        Trace { from_s: rounded(from_s), until_s: rounded(until_s), a, b, difference }
+    }
+}
+
+fn points(line: &[Stretch], from_s: f64, break_s: f64) -> Vec<Option<[f64; 3]>> {
+    let mut points: Vec<Option<[f64; 3]>> = Vec::new();
+    for stretch in line.iter().filter(|stretch| stretch.count > 0) {
+        let t_s = from_s + stretch.time_s / f64::from(stretch.count);
+        if let Some(Some([before_s, ..])) = points.last()
+            && t_s - before_s > break_s
+        {
+            points.push(None);
+        }
+        points.push(Some([t_s, stretch.least, stretch.greatest].map(rounded)));
+    }
+    points
+}
+
+/// To six significant digits: more is not seen.
+fn rounded(x: f64) -> f64 {
+    if x == 0.0 {
+        return 0.0;
+    }
+    let scale = 10_f64.powi(5 - x.abs().log10().floor() as i32);
+    let rounded = (x * scale).round() / scale;
+    // Scales of the least and greatest numbers are not finite.
+    if rounded.is_finite() { rounded } else { x }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trace_keeps_extremes_and_breaks_at_gaps() {
+        let axis = Axis { from_ns: 0, until_ns: 10_000_000_000, stretches: 100 };
+        let mut trace = TraceBuilder::new(axis, 200_000_000);
+        for i in (0..1000).filter(|i| !(400..600).contains(i)) {
+            trace.value(0, i * 10_000_000, if i == 333 { 7.0 } else { 0.0 });
+        }
+        let trace = trace.finish(true);
+        let greatest = trace.a.iter().flatten().fold(0.0, |most: f64, [_, _, greatest]| most.max(*greatest));
+        assert_eq!(greatest, 7.0);
+        assert_eq!(trace.a.iter().filter(|point| point.is_none()).count(), 1);
+        assert!(trace.b.is_empty());
+    }
+
+    #[test]
+    fn rounding_keeps_six_digits_of_any_size() {
+        assert_eq!(rounded(1.234_567_89e-7), 1.234_57e-7);
+        assert_eq!(rounded(-123_456_789.0), -123_457_000.0);
+        assert!(rounded(1e-310).is_finite());
+        assert_eq!(rounded(0.0), 0.0);
+    }
+}

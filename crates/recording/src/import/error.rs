@@ -1,0 +1,90 @@
+use std::{io, path::PathBuf};
+
+use bench_rig::{Actuation, Location, RigError};
+use thiserror::Error;
+
+use super::Skipped;
+use crate::RecordingError;
+
+/// Why a log could not be imported. No output file is left behind, and an older one stays as it was.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ImportError {
+    /// The mapping file, or the rig that it names, cannot be used.
+    #[error(transparent)]
+    Map(#[from] RigError),
+    /// The log cannot be read.
+    #[error("cannot read log {}: {source}", path.display())]
+    Read {
+        /// The log.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The log has no header.
+    #[error("{} is empty; expected a CSV file whose first line names the columns", path.display())]
+    NoHeader {
+        /// The log.
+        path: PathBuf,
+    },
+    /// The map names columns that the log does not have exactly once.
+    #[error(
+        "{}\n{} has the columns {}",
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"), path.display(), columns.join(", ")
+    )]
+    Columns {
+        /// The log.
+        path: PathBuf,
+        /// One for each place in the map.
+        problems: Vec<ColumnProblem>,
+        /// The columns that the log has.
+        columns: Vec<String>,
+    },
+    /// Map and rig command their sticks in different units.
+    #[error(
+        "{}: the map's actuation is {}, but rig {rig}'s sticks are in {}; use the map or the rig that fits the log",
+        file.display(), map.unit(), expected.unit()
+    )]
+    Actuation {
+        /// The map.
+        file: PathBuf,
+        /// The map's actuation.
+        map: Actuation,
+        /// The rig's name.
+        rig: String,
+        /// The rig's actuation.
+        expected: Actuation,
+    },
+    /// Not one row could be used.
+    #[error(
+        "{} has no row that can be used: of {rows} rows, {filtered} were filtered out{}",
+        path.display(), skipped.iter().map(|skipped| format!("\n{skipped}")).collect::<Vec<_>>().concat()
+    )]
+    NoUsableRow {
+        /// The log.
+        path: PathBuf,
+        /// Rows below the header.
+        rows: u64,
+        /// Rows that the map's filters left out.
+        filtered: u64,
+        /// The others, by what is wrong with them.
+        skipped: Vec<Skipped>,
+    },
+    /// The recording cannot be written.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+}
+
+/// A column that the map names and the log does not have exactly once.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{at}: `{key}`: {} column is called {column:?}", if *count == 0 { "no".to_owned() } else { count.to_string() + " times a" })]
+pub struct ColumnProblem {
+    /// Where the map names it.
+    pub at: Location,
+    /// The key there.
+    pub key: String,
+    /// The column.
+    pub column: String,
+    /// How often the log has it.
+    pub count: usize,
+}

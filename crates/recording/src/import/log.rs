@@ -1,0 +1,138 @@
+//! The CSV file: columns found by name, cells given out as checked values.
+
+use std::{fs::File, path::Path};
+
+use bench_rig::visit::Range;
+use csv::ByteRecord;
+
+use super::{
+    ImportError, ImportMap,
+    error::ColumnProblem,
+    map::ColumnId,
+    number::{TimeUnit, finite, nanos},
+    report::SkipReason,
+};
+
+/// A CSV file whose header has every column that the map names.
+pub(super) struct Log {
+    reader: csv::Reader<File>,
+    /// The place in a row of each of the map's columns.
+    places: Vec<usize>,
+    width: usize,
+    record: ByteRecord,
+}
+
+/// Why a row cannot be used, and which of its columns is at fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Fault {
+    pub reason: SkipReason,
+    /// `None`: the row as a whole.
+    pub column: Option<ColumnId>,
+}
+
+/// One row.
+#[derive(Clone, Copy)]
+pub(super) struct Row<'a> {
+    record: &'a ByteRecord,
+    places: &'a [usize],
+    width: usize,
+}
+
+impl Log {
+    pub fn open(map: &ImportMap, path: &Path) -> Result<Self, ImportError> {
+        let file = File::open(path).map_err(|source| ImportError::Read { path: path.to_owned(), source })?;
+        let mut reader = csv::ReaderBuilder::new()
+            .delimiter(map.delimiter)
+            // Rows of another width are counted, not fatal.
+            .flexible(true)
+            .from_reader(file);
+        let header = reader.byte_headers().map_err(|error| read_error(path, error))?;
+        let columns: Vec<String> =
+            header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect();
+        if columns.iter().all(String::is_empty) {
+            return Err(ImportError::NoHeader { path: path.to_owned() });
+        }
+        let places = find_columns(map, path, &columns)?;
+        Ok(Self { reader, places, width: columns.len(), record: ByteRecord::new() })
+    }
+
+    /// The next row below the header.
+    pub fn next_row(&mut self, path: &Path) -> Result<Option<Row<'_>>, ImportError> {
+        let more = self.reader.read_byte_record(&mut self.record).map_err(|error| read_error(path, error))?;
+        Ok(more.then_some(Row { record: &self.record, places: &self.places, width: self.width }))
+    }
+}
+
+fn find_columns(map: &ImportMap, path: &Path, columns: &[String]) -> Result<Vec<usize>, ImportError> {
+    let mut problems = Vec::new();
+    let mut places = Vec::with_capacity(map.columns.len());
+    for column in &map.columns {
+        let mut found = (0..columns.len()).filter(|&place| columns[place] == column.name);
+        match (found.next(), found.count()) {
+            (Some(place), 0) => places.push(place),
+            (first, more) => problems.push(ColumnProblem {
+                at: column.at.clone(),
+                key: column.key.clone(),
+                column: column.name.clone(),
+                count: usize::from(first.is_some()) + more,
+            }),
+        }
+    }
+    if problems.is_empty() {
+        Ok(places)
+    } else {
+        Err(ImportError::Columns { path: path.to_owned(), problems, columns: columns.to_vec() })
+    }
+}
+
+fn read_error(path: &Path, error: csv::Error) -> ImportError {
+    ImportError::Read { path: path.to_owned(), source: error.into() }
+}
+
+impl Row<'_> {
+    /// Line in the file, counted from one.
+    pub fn line(&self) -> u64 {
+        self.record.position().map_or(0, csv::Position::line)
+    }
+
+    /// Whether it is as wide as the header.
+    pub fn is_whole(&self) -> bool {
+        self.record.len() == self.width
+    }
+
+    /// What stands in a column, for messages; of a row of the wrong width, all of it.
+    pub fn found(&self, column: Option<ColumnId>) -> String {
+        match column {
+            Some(column) => String::from_utf8_lossy(&self.record[self.places[column.0]]).into_owned(),
+            None => String::from_utf8_lossy(self.record.as_slice()).into_owned(),
+        }
+    }
+
+    /// The text of a cell without surrounding space. The row must be whole.
+    pub fn text(&self, column: ColumnId) -> Result<&str, Fault> {
+        str::from_utf8(&self.record[self.places[column.0]])
+            .map(str::trim)
+            .map_err(|_| SkipReason::NotANumber.in_column(column))
+    }
+
+    /// The number of a cell, within `valid` where that is given.
+    pub fn number(&self, column: ColumnId, valid: Option<Range>) -> Result<f64, Fault> {
+        let number = finite(self.text(column)?).map_err(|reason| reason.in_column(column))?;
+        if valid.is_none_or(|valid| valid.contains(number)) {
+            Ok(number)
+        } else {
+            Err(SkipReason::OutOfRange.in_column(column))
+        }
+    }
+
+    /// The time of a cell, ns.
+    pub fn nanos(&self, column: ColumnId, unit: TimeUnit) -> Result<i128, Fault> {
+        nanos(self.text(column)?, unit).map_err(|reason| reason.in_column(column))
+    }
+}
+
+impl SkipReason {
+    pub(super) fn in_column(self, column: ColumnId) -> Fault {
+        Fault { reason: self, column: Some(column) }
+    }
+}

@@ -1,0 +1,197 @@
+//! What became of every row.
+
+use std::{
+    collections::BTreeMap,
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use serde::Serialize;
+
+/// Name and version of the report's form as JSON.
+const SCHEMA: &str = "bench.import/1";
+
+/// Why a row was not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SkipReason {
+    /// It has more or fewer cells than the header.
+    CellCount,
+    /// A cell is empty.
+    Empty,
+    /// A cell holds NaN.
+    Nan,
+    /// A cell holds an infinity, or a number too large for a float.
+    Infinite,
+    /// A cell holds something that is no number.
+    NotANumber,
+    /// A cell holds a number outside the range that the map declares.
+    OutOfRange,
+    /// The map does not say what this phase is.
+    UnknownPhase,
+    /// Its time is that of the row before.
+    TimeRepeated,
+    /// Its time is before that of the row before.
+    TimeBack,
+}
+
+impl fmt::Display for SkipReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::CellCount => "not as many cells as the header",
+            Self::Empty => "empty",
+            Self::Nan => "NaN",
+            Self::Infinite => "infinite",
+            Self::NotANumber => "not a number",
+            Self::OutOfRange => "out of range",
+            Self::UnknownPhase => "a phase that the map does not name",
+            Self::TimeRepeated => "time repeated",
+            Self::TimeBack => "time went back",
+        })
+    }
+}
+
+/// Rows that were skipped for one reason in one column. A row counts once, by the first fault found in it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Skipped {
+    /// Why.
+    pub reason: SkipReason,
+    /// The column; empty where the row as a whole is at fault.
+    pub column: String,
+    /// How many rows.
+    pub count: u64,
+    /// Line of the first of them in the log, counted from one.
+    pub first_line: u64,
+    /// What stood in the column there.
+    pub first_found: String,
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { reason, column, count, first_line, first_found } = self;
+        write!(f, "{count} skipped, {reason}")?;
+        if !column.is_empty() {
+            write!(f, " in {column}")?;
+        }
+        write!(f, " (first: line {first_line}, {first_found:?})")
+    }
+}
+
+/// The range of one imported quantity, to see at a glance whether its unit was right.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct QuantityRange {
+    /// Table and key in the map, such as `position.z`.
+    pub name: String,
+    /// The recording's unit.
+    pub unit: &'static str,
+    /// The smallest value that was recorded.
+    pub min: f64,
+    /// The largest value that was recorded.
+    pub max: f64,
+}
+
+/// What an import did; `rows` = `used` + `filtered` + all of `skipped`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImportReport {
+    /// `bench.import/1`.
+    pub schema: &'static str,
+    /// The log.
+    pub log: PathBuf,
+    /// The map's name.
+    pub map: String,
+    /// The rig's name, where one is attached.
+    pub rig: Option<String>,
+    /// The recording.
+    pub output: PathBuf,
+    /// Rows below the header.
+    pub rows: u64,
+    /// Rows that went into the recording.
+    pub used: u64,
+    /// Rows left out because the map keeps others only.
+    pub filtered: u64,
+    /// Rows left out because something is wrong with them.
+    pub skipped: Vec<Skipped>,
+    /// Positions left out because they were exposed before the recording's origin.
+    pub positions_before_origin: u64,
+    /// The log's time at the recording's origin (its first used row), s.
+    pub time_offset_s: f64,
+    /// From the first to the last used row, s.
+    pub duration_s: f64,
+    /// Messages by channel.
+    pub channels: BTreeMap<&'static str, u64>,
+    /// Ranges of what was imported, in the order of the map's tables.
+    pub quantities: Vec<QuantityRange>,
+}
+
+impl ImportReport {
+    pub(super) fn new(log: &Path, map: &str, rig: Option<&str>, output: &Path) -> Self {
+        Self {
+            schema: SCHEMA,
+            log: log.to_owned(),
+            map: map.to_owned(),
+            rig: rig.map(str::to_owned),
+            output: output.to_owned(),
+            rows: 0,
+            used: 0,
+            filtered: 0,
+            skipped: Vec::new(),
+            positions_before_origin: 0,
+            time_offset_s: 0.0,
+            duration_s: 0.0,
+            channels: BTreeMap::new(),
+            quantities: Vec::new(),
+        }
+    }
+
+    /// How many rows were skipped, for whatever reason.
+    pub fn skipped_rows(&self) -> u64 {
+        self.skipped.iter().map(|skipped| skipped.count).sum()
+    }
+
+    /// Counts a row that cannot be used.
+    pub(super) fn skip(&mut self, reason: SkipReason, column: &str, line: u64, found: &str) {
+        let known = self.skipped.iter_mut().find(|known| known.reason == reason && known.column == column);
+        match known {
+            Some(known) => known.count += 1,
+            None => self.skipped.push(Skipped {
+                reason,
+                column: column.to_owned(),
+                count: 1,
+                first_line: line,
+                first_found: found.chars().take(40).collect(),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for ImportReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{} -> {}", self.log.display(), self.output.display())?;
+        writeln!(
+            f,
+            "rows {}, used {}, filtered {}, skipped {}",
+            self.rows,
+            self.used,
+            self.filtered,
+            self.skipped_rows()
+        )?;
+        for skipped in &self.skipped {
+            writeln!(f, "  {skipped}")?;
+        }
+        if self.positions_before_origin > 0 {
+            writeln!(
+                f,
+                "{} positions left out: exposed before the first used row",
+                self.positions_before_origin
+            )?;
+        }
+        writeln!(f, "duration {:.3} s, from {:.3} s of the log's time", self.duration_s, self.time_offset_s)?;
+        for (topic, count) in &self.channels {
+            writeln!(f, "  {topic}: {count} messages")?;
+        }
+        for QuantityRange { name, unit, min, max } in &self.quantities {
+            writeln!(f, "  {name}: {min:.4} to {max:.4} {unit}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,152 @@
+use std::{
+    fs::File,
+    io::BufReader,
+    path::{Path, PathBuf},
+};
+
+use bench_device::Time;
+use mcap::{
+    McapError,
+    records::{self, Record as McapRecord},
+    sans_io::LinearReaderOptions,
+};
+
+use crate::{
+    Channel, Info, Record, RecordingError, Session, codec,
+    container::{self, Container, RecordStream},
+    info::Survey,
+};
+
+/// A closed recording, ready to be read.
+#[derive(Debug)]
+pub struct Recording {
+    path: PathBuf,
+    session: Session,
+    info: Info,
+}
+
+impl Recording {
+    /// Opens a recording that was closed. One that was not is [`RecordingError::Unfinished`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
+        let path = path.as_ref();
+        let Survey { info, session } = Survey::read(path)?;
+        if info.closed {
+            Ok(Self { path: path.to_owned(), session, info })
+        } else {
+            Err(RecordingError::Unfinished { path: path.to_owned() })
+        }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What was known before its first message.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// What it is and holds.
+    pub fn info(&self) -> &Info {
+        &self.info
+    }
+
+    /// How many messages a channel has.
+    pub fn count(&self, channel: Channel) -> u64 {
+        let of_channel = self.info.channels.iter().find(|info| info.name == channel.topic());
+        of_channel.map_or(0, |info| info.messages)
+    }
+
+    /// Reads the records in the order of the file, which is that in which they were recorded.
+    pub fn records(&self) -> Result<Records, RecordingError> {
+        Records::open(&self.path)
+    }
+}
+
+/// The records of a recording, one by one. Memory is bounded by the largest chunk, not by the file. A chunk gives its
+/// records only if its checksum holds. Ends after the first error.
+pub struct Records {
+    path: PathBuf,
+    stream: RecordStream<BufReader<File>>,
+    body: Vec<u8>,
+    /// By MCAP channel; topics that hold no records are absent.
+    channels: Vec<Option<Channel>>,
+    past_data: bool,
+}
+
+impl Records {
+    fn open(path: &Path) -> Result<Self, RecordingError> {
+        let mut container = Container::open(path)?;
+        container.rewind()?;
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true);
+        Ok(Self {
+            path: container.path,
+            stream: RecordStream::new(container.file, options),
+            body: Vec::new(),
+            channels: Vec::new(),
+            past_data: false,
+        })
+    }
+
+    /// The next record; `None` at the end.
+    fn read(&mut self) -> Result<Option<Record>, RecordingError> {
+        while let Some(read) = self.stream.next(&mut self.body) {
+            let record = read.and_then(|opcode| container::parse(opcode, &self.body));
+            match record.map_err(|error| self.error(&error))? {
+                McapRecord::Channel(channel) if !self.past_data => {
+                    remember(&mut self.channels, &channel);
+                }
+                McapRecord::Message { header, data } => {
+                    if let Some(channel) =
+                        self.channels.get(usize::from(header.channel_id)).copied().flatten()
+                    {
+                        return decode(&self.path, channel, header.log_time, &data).map(Some);
+                    }
+                }
+                // The summary repeats schemas and channels; it is read on to check the file's end.
+                McapRecord::DataEnd(_) => self.past_data = true,
+                _ => {}
+            }
+        }
+        Ok(None)
+    }
+
+    fn error(&self, error: &McapError) -> RecordingError {
+        match error {
+            McapError::UnexpectedEof => RecordingError::Unfinished { path: self.path.clone() },
+            error => container::damaged(&self.path, error),
+        }
+    }
+}
+
+impl Iterator for Records {
+    type Item = Result<Record, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let next = self.read().transpose();
+        if matches!(next, Some(Err(_))) {
+            self.stream.end();
+        }
+        next
+    }
+}
+
+fn remember(channels: &mut Vec<Option<Channel>>, channel: &records::Channel) {
+    let id = usize::from(channel.id);
+    if channels.len() <= id {
+        channels.resize(id + 1, None);
+    }
+    channels[id] = Channel::from_topic(&channel.topic);
+}
+
+fn decode(path: &Path, channel: Channel, log_time: u64, data: &[u8]) -> Result<Record, RecordingError> {
+    codec::decode(channel, data).map_err(|detail| RecordingError::BadMessage {
+        path: path.to_owned(),
+        channel: channel.topic(),
+        time: Time::from_nanos(log_time),
+        detail,
+    })
+}

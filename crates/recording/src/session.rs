@@ -1,0 +1,167 @@
+use std::{collections::BTreeMap, fmt, path::Path, str::FromStr};
+
+use crate::RecordingError;
+
+/// Where the records of a recording come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Mode {
+    /// A simulation in lockstep.
+    Sim,
+    /// Hardware in the loop, in real time.
+    Hil,
+    /// Converted from another format.
+    Import,
+}
+
+impl Mode {
+    /// All modes.
+    pub const ALL: [Self; 3] = [Self::Sim, Self::Hil, Self::Import];
+
+    /// The name in recordings and on the screen.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sim => "sim",
+            Self::Hil => "hil",
+            Self::Import => "import",
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Mode {
+    type Err = ();
+
+    fn from_str(name: &str) -> Result<Self, ()> {
+        Self::ALL.into_iter().find(|mode| mode.name() == name).ok_or(())
+    }
+}
+
+/// What is known of a recording before its first message. A simulated session holds nothing that differs between two
+/// runs of the same thing: no wall-clock time, no host name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Session {
+    /// Where the records come from.
+    pub mode: Mode,
+    /// The rig's name; empty where it is not known.
+    pub rig_name: String,
+    /// The rig file, attached as `rig.toml`.
+    pub rig_toml: Option<String>,
+    /// The mission's name; empty where there was none.
+    pub mission_name: String,
+    /// The mission file, attached as `mission.toml`.
+    pub mission_toml: Option<String>,
+    /// The seed of a simulation's noise.
+    pub seed: Option<u64>,
+    /// Anything else, such as the start's wall-clock time and the host of a hardware run.
+    pub extra: BTreeMap<String, String>,
+}
+
+impl Session {
+    /// A session of which nothing else is known.
+    pub fn new(mode: Mode) -> Self {
+        Self {
+            mode,
+            rig_name: String::new(),
+            rig_toml: None,
+            mission_name: String::new(),
+            mission_toml: None,
+            seed: None,
+            extra: BTreeMap::new(),
+        }
+    }
+}
+
+/// Version of the channels, their messages and the metadata; raised when a reader of the version before would err.
+pub(crate) const SCHEMA_VERSION: u32 = 1;
+
+/// Version of the bench that is compiled in.
+pub(crate) const BENCH_VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The MCAP metadata record of a session.
+pub(crate) const SESSION_METADATA: &str = "bench";
+/// The MCAP metadata record of [`Session::extra`].
+pub(crate) const EXTRA_METADATA: &str = "bench.extra";
+/// The MCAP metadata record that closes a recording.
+pub(crate) const END_METADATA: &str = "bench.end";
+
+/// Attachment with the rig file.
+pub(crate) const RIG_ATTACHMENT: &str = "rig.toml";
+/// Attachment with the mission file.
+pub(crate) const MISSION_ATTACHMENT: &str = "mission.toml";
+
+/// In [`END_METADATA`]: how many records found the queue full.
+pub(crate) const DROPPED: &str = "dropped";
+/// In [`END_METADATA`]: present where the recording was made by `recover`.
+pub(crate) const RECOVERED: &str = "recovered";
+
+const MODE: &str = "mode";
+const SEED: &str = "seed";
+const RIG: &str = "rig";
+const MISSION: &str = "mission";
+const BENCH: &str = "bench_version";
+const SCHEMA: &str = "schema_version";
+const PLATFORM: &str = "platform";
+
+/// A session as recorded, and by what.
+#[derive(Clone, Debug)]
+pub(crate) struct RecordedSession {
+    pub session: Session,
+    pub schema_version: u32,
+    pub bench_version: String,
+    pub platform: String,
+}
+
+impl Session {
+    /// The metadata record [`SESSION_METADATA`].
+    pub(crate) fn to_metadata(&self) -> BTreeMap<String, String> {
+        let mut metadata = BTreeMap::from([
+            (MODE.to_owned(), self.mode.to_string()),
+            (RIG.to_owned(), self.rig_name.clone()),
+            (MISSION.to_owned(), self.mission_name.clone()),
+            (BENCH.to_owned(), BENCH_VERSION.to_owned()),
+            (SCHEMA.to_owned(), SCHEMA_VERSION.to_string()),
+            (PLATFORM.to_owned(), format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)),
+        ]);
+        if let Some(seed) = self.seed {
+            metadata.insert(SEED.to_owned(), seed.to_string());
+        }
+        metadata
+    }
+}
+
+impl RecordedSession {
+    /// The inverse of [`Session::to_metadata`], without what other records and the attachments hold.
+    pub fn from_metadata(path: &Path, metadata: &BTreeMap<String, String>) -> Result<Self, RecordingError> {
+        let text = |key: &str| metadata.get(key).cloned().unwrap_or_default();
+        let bad = |key: &'static str, expected: &'static str| RecordingError::BadSession {
+            path: path.to_owned(),
+            key,
+            value: text(key),
+            expected,
+        };
+        let schema_version = text(SCHEMA).parse().map_err(|_| bad(SCHEMA, "a whole number"))?;
+        if schema_version > SCHEMA_VERSION {
+            return Err(RecordingError::NewerSchema {
+                path: path.to_owned(),
+                found: schema_version,
+                known: SCHEMA_VERSION,
+            });
+        }
+        let mode = text(MODE).parse().map_err(|()| bad(MODE, "sim, hil or import"))?;
+        let seed = match metadata.get(SEED) {
+            Some(seed) => Some(seed.parse().map_err(|_| bad(SEED, "a whole number"))?),
+            None => None,
+        };
+        Ok(Self {
+            session: Session { seed, rig_name: text(RIG), mission_name: text(MISSION), ..Session::new(mode) },
+            schema_version,
+            bench_version: text(BENCH),
+            platform: text(PLATFORM),
+        })
+    }
+}

@@ -1,0 +1,8 @@
+//! The bench as a user meets it: commands, files, words and exit codes.
+
+mod compare;
+mod figures;
+mod import;
+mod record;
+mod sim;
+mod support;

@@ -1,0 +1,64 @@
+use std::path::{Path, PathBuf};
+
+use assert_cmd::{Command, assert::Assert};
+
+/// The project's folder, where the README's commands are run.
+pub fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+}
+
+/// `bench` with arguments, from the project's folder.
+pub fn bench<I: IntoIterator<Item = S>, S: AsRef<std::ffi::OsStr>>(arguments: I) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bench"));
+    command.current_dir(root()).args(arguments);
+    command
+}
+
+/// A folder for one test's files.
+pub struct Scratch(tempfile::TempDir);
+
+impl Scratch {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// The same as text, for command lines.
+    pub fn name(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+
+    /// Flies a mission into a file and returns its name.
+    pub fn fly(&self, file: &str, arguments: &[&str]) -> String {
+        let name = self.name(file);
+        bench(["sim", "-o", &name]).args(arguments).assert().success();
+        name
+    }
+}
+
+/// Standard output as JSON.
+pub fn json(assert: &Assert) -> serde_json::Value {
+    serde_json::from_slice(&assert.get_output().stdout).unwrap()
+}
+
+pub fn stdout(assert: &Assert) -> String {
+    String::from_utf8(assert.get_output().stdout.clone()).unwrap()
+}
+
+/// Standard error of a command that must fail with `code`, without a panic.
+pub fn refused(mut command: Command, code: i32) -> String {
+    let assert = command.assert().code(code);
+    let words = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(words.contains("error: ") && !words.contains("panicked"), "{words}");
+    words
+}
+
+/// A recording that was cut or never closed says so, with what to do.
+pub fn unclosed(recording: &str) {
+    let assert = bench(["info", recording]).assert().code(3);
+    let words = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(words.contains("was not closed") && words.contains("bench recover"), "{words}");
+}
