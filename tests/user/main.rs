@@ -1,6 +1,7 @@
 //! The bench as a user meets it: commands, files, words and exit codes.
 
 mod compare;
+mod diagnose;
 mod figures;
 mod import;
 mod record;

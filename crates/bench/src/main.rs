@@ -37,6 +37,8 @@ enum Command {
     Recover(commands::recover::Arguments),
     Import(commands::import::Arguments),
     Diff(commands::diff::Arguments),
+    Blind(commands::blind::Arguments),
+    Diagnose(commands::diagnose::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -48,6 +50,8 @@ fn main() -> std::process::ExitCode {
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
+        Command::Blind(arguments) => commands::blind::run(arguments),
+        Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
     };
     match outcome {
         Ok(exit) => exit.into(),

@@ -30,12 +30,12 @@ impl Time {
 
     /// Seconds since the origin.
     pub fn seconds(self) -> f64 {
-        self.nanos as f64 * 1e-9
+        self.nanos as f64 / 1e9
     }
 
     /// Seconds from `earlier` to `self`; negative when `earlier` is the later one.
     pub fn since_s(self, earlier: Self) -> f64 {
-        (i128::from(self.nanos) - i128::from(earlier.nanos)) as f64 * 1e-9
+        (i128::from(self.nanos) - i128::from(earlier.nanos)) as f64 / 1e9
     }
 
     /// This instant moved by `seconds` (either sign), not before the origin.

@@ -42,6 +42,8 @@ pub struct SixDegree {
     /// Body frame, rad/s.
     pub body_rate_rad_s: Vector3<f64>,
     stabiliser: StabiliserLaw,
+    /// The sticks of the last step and what they asked for; they mostly stay as they are for many steps.
+    commanded: Option<(Sticks, AttitudeCommand)>,
 }
 
 /// The on-board stabiliser's law, and the inertia that it moves.
@@ -188,11 +190,16 @@ impl SixDegree {
                 tilt_rad_per_unit: sticks.tilt_rad_per_unit,
                 yaw_rate_rad_s_per_unit: sticks.yaw_rate_rad_s_per_unit,
             },
+            commanded: None,
         }
     }
 
     fn step(&mut self, dt_s: f64, forces: &Forces<'_>, sticks: Sticks) {
-        let command = self.stabiliser.command(sticks);
+        let command = match self.commanded {
+            Some((of, command)) if of == sticks => command,
+            _ => self.stabiliser.command(sticks),
+        };
+        self.commanded = Some((sticks, command));
         let per_kg = forces.mass_kg.recip();
         let x =
             runge_kutta_4(&self.pack(), dt_s, |x| derivative(x, forces, per_kg, &self.stabiliser, &command));

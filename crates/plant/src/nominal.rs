@@ -18,8 +18,8 @@ pub struct Nominal {
     pub offset: f64,
     /// Ground-effect multiplier less one.
     pub ground_effect_gain: f64,
-    /// Reciprocal of the height where the ground effect ends, 1/m.
-    pub ground_effect_fall_per_m: f64,
+    /// Where the ground effect ends, m.
+    pub ground_effect_height_m: f64,
     /// Linear drag, N s/m.
     pub drag_n_s_per_m: f64,
 }
@@ -33,7 +33,7 @@ impl Nominal {
             gain_n_per_unit: airframe.thrust.gain_n_per_unit.value,
             offset: airframe.thrust.offset.value,
             ground_effect_gain: airframe.ground_effect.multiplier.value - 1.0,
-            ground_effect_fall_per_m: airframe.ground_effect.height_m.value.recip(),
+            ground_effect_height_m: airframe.ground_effect.height_m.value,
             drag_n_s_per_m: airframe.drag_n_s_per_m.value,
         }
     }
@@ -47,7 +47,12 @@ impl Nominal {
     /// Thrust multiplier less one at a height (figure 10).
     #[inline]
     pub fn ground_effect(&self, height_m: f64) -> f64 {
-        self.ground_effect_gain * (1.0 - height_m.max(0.0) * self.ground_effect_fall_per_m).max(0.0)
+        // A branch that processors foresee: above, a step does not wait for this.
+        if height_m < self.ground_effect_height_m {
+            self.ground_effect_gain * (1.0 - height_m.max(0.0) / self.ground_effect_height_m)
+        } else {
+            0.0
+        }
     }
 }
 
@@ -93,7 +98,11 @@ impl Forces<'_> {
     #[inline]
     pub fn drag_n(&self, air: &Air) -> Vector3<f64> {
         let drag_n = air.velocity_m_s * -self.nominal.drag_n_s_per_m;
-        if self.effects.air.is_empty() { drag_n } else { self.drag_with_effects_n(*air, drag_n) }
+        if self.effects.air.is_empty() {
+            return drag_n;
+        }
+        let [x, y, z] = self.drag_with_effects_n(*air, drag_n);
+        Vector3::new(x, y, z)
     }
 
     // Apart and by value, so that a flight without effects keeps its state in registers: that halves a step.
@@ -111,10 +120,10 @@ impl Forces<'_> {
     }
 
     #[inline(never)]
-    fn drag_with_effects_n(&self, air: Air, mut force_n: Vector3<f64>) -> Vector3<f64> {
+    fn drag_with_effects_n(&self, air: Air, mut force_n: Vector3<f64>) -> [f64; 3] {
         for effect in &self.effects.air {
             effect.force(&air, &mut force_n);
         }
-        force_n
+        force_n.into()
     }
 }

@@ -280,8 +280,3 @@ const ROTOR: &[Field] = fields! { Rotor:
     "speed_3_rad_s" "rad/s" Float |r| r.speed_rad_s[2];
     "speed_4_rad_s" "rad/s" Float |r| r.speed_rad_s[3];
 };
-
-/// An instant in seconds, rounded to the nearest number: 1.98 s is 1.98.
-pub(crate) fn seconds(time: Time) -> f64 {
-    time.nanos() as f64 / 1e9
-}

@@ -13,7 +13,6 @@ use serde::Serialize;
 use crate::{
     RecordingError, Session,
     container::{self, Container, RecordStream, Summary},
-    field::seconds,
     session::{
         DROPPED, END_METADATA, EXTRA_METADATA, MISSION_ATTACHMENT, RECOVERED, RIG_ATTACHMENT,
         RecordedSession, SESSION_METADATA,
@@ -236,11 +235,11 @@ impl Findings {
             bench_version: recorded.bench_version,
             schema_version: recorded.schema_version,
             platform: recorded.platform,
-            first_time_s: self.span_ns.map(|(first, _)| seconds(Time::from_nanos(first))),
-            last_time_s: self.span_ns.map(|(_, last)| seconds(Time::from_nanos(last))),
+            first_time_s: self.span_ns.map(|(first, _)| Time::from_nanos(first).seconds()),
+            last_time_s: self.span_ns.map(|(_, last)| Time::from_nanos(last).seconds()),
             duration_s: self
                 .span_ns
-                .map_or(0.0, |(first, last)| seconds(Time::from_nanos(last.saturating_sub(first)))),
+                .map_or(0.0, |(first, last)| Time::from_nanos(last.saturating_sub(first)).seconds()),
             messages: self.counts.values().sum(),
             dropped: end.and_then(|end| end.get(DROPPED)).and_then(|dropped| dropped.parse().ok()),
             channels: self.channels_with_messages(),

@@ -43,9 +43,9 @@ pub enum WhenFull {
 }
 
 impl Options {
-    /// For simulations: nothing is lost, bytes repeat.
+    /// For simulations: nothing is lost, bytes repeat. What a crash costs can be flown again, so chunks are long.
     pub const SIMULATION: Self =
-        Self { flush_interval_s: 0.5, flush_after: None, queue_capacity: 1024, when_full: WhenFull::Block };
+        Self { flush_interval_s: 5.0, flush_after: None, queue_capacity: 1024, when_full: WhenFull::Block };
 
     /// For loops in real time: never waits, flushes also when messages cease.
     pub const REAL_TIME: Self = Self {
@@ -63,7 +63,7 @@ impl Options {
 pub struct Recorder {
     queue: Producer<Record>,
     shared: Arc<Shared>,
-    writer: Option<JoinHandle<io::Result<Written>>>,
+    writer: Option<JoinHandle<io::Result<Option<Written>>>>,
     path: PathBuf,
     when_full: WhenFull,
     dropped: u64,
@@ -147,16 +147,16 @@ impl Recorder {
     pub fn finish(mut self) -> Result<Finished, RecordingError> {
         let path = std::mem::take(&mut self.path);
         match self.close(Closing::Finish) {
-            Some(Ok(Ok(written))) => {
+            Some(Ok(Ok(Some(written)))) => {
                 Ok(Finished { messages: written.messages, dropped: self.dropped, bytes: written.bytes, path })
             }
             Some(Ok(Err(source))) => Err(RecordingError::Io { action: "write", path, source }),
-            Some(Err(_)) | None => Err(RecordingError::WriterPanicked { path }),
+            Some(Ok(Ok(None)) | Err(_)) | None => Err(RecordingError::WriterPanicked { path }),
         }
     }
 
     /// Has the writer end and waits for it; `None` if it was ended before.
-    fn close(&mut self, how: Closing) -> Option<thread::Result<io::Result<Written>>> {
+    fn close(&mut self, how: Closing) -> Option<thread::Result<io::Result<Option<Written>>>> {
         let writer = self.writer.take()?;
         self.shared.close(how, self.dropped);
         writer.thread().unpark();

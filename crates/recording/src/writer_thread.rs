@@ -112,8 +112,9 @@ impl<W: Output> WriterThread<W> {
         }
     }
 
-    /// Writes until told to close; the error is the first that was met.
-    pub fn run(mut self) -> io::Result<Written> {
+    /// Writes until told to close; nothing was finished where the recording was left open. The error is the first that
+    /// was met.
+    pub fn run(mut self) -> io::Result<Option<Written>> {
         loop {
             // Read before the queue is emptied: all that was recorded before closing is then in it.
             let closing = self.shared.closing();
@@ -121,8 +122,8 @@ impl<W: Output> WriterThread<W> {
                 self.write(&record);
             }
             match closing {
-                Some(Closing::Finish) => return self.finish(),
-                Some(Closing::Abandon) => return self.abandon(),
+                Some(Closing::Finish) => return self.finish().map(Some),
+                Some(Closing::Abandon) => return self.abandon().map(|()| None),
                 None => self.flush_by_the_clock(),
             }
             thread::park_timeout(POLL);
@@ -177,9 +178,9 @@ impl<W: Output> WriterThread<W> {
         Ok(Written { messages, bytes })
     }
 
-    fn abandon(mut self) -> io::Result<Written> {
+    fn abandon(mut self) -> io::Result<()> {
         self.flush();
         self.messages?.abandon();
-        Ok(Written { messages: 0, bytes: 0 })
+        Ok(())
     }
 }

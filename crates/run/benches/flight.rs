@@ -1,7 +1,7 @@
 //! How fast the virtual bench flies: 20 s in closed loop, recorded and in memory, and the physics step alone.
 //!
-//! In `flight`, an item is one second of flight, so items a second read as times real time; in `step`, an item is one
-//! integration step. A recorded flight includes making the file, writing it on the recorder's own thread, waiting for
+//! In `recorded` and `in_memory` an item is one second of flight, so items a second read as times real time; in `step` an
+//! item is one integration step. A recorded flight includes making the file, writing it on the recorder's own thread, waiting for
 //! that thread, and closing the file. For figures of one core, pin the process: `taskset -c 1 cargo bench -p bench-run`.
 
 use std::{hint::black_box, path::Path};
@@ -52,40 +52,35 @@ fn fly(rig: &Rig, mission: &Mission, sink: &mut impl Sink) {
     assert!((flown.summary.duration_s - FLIGHT_S).abs() < 1e-6);
 }
 
-#[divan::bench_group(sample_count = 200)]
-mod flight {
-    use super::*;
+/// To a file in the system's folder for temporary files, with the options and the session of `bench sim`.
+#[divan::bench(args = MODELS, sample_count = 200)]
+fn recorded(bencher: Bencher, model: Model) {
+    let (rig, folder) = (rig(model), tempdir().unwrap());
+    let mission = mission(&rig);
+    let session = Session {
+        rig_toml: Some(rig.to_toml()),
+        mission_toml: Some(mission.to_toml()),
+        seed: Some(0),
+        ..Session::new(Mode::Sim)
+    };
+    let path = folder.path().join("flight.mcap");
+    bencher.counter(ItemsCount::new(FLIGHT_S as u64)).bench_local(|| {
+        let mut recorder = Recorder::create(&path, &session, Options::SIMULATION).unwrap();
+        fly(&rig, &mission, &mut recorder);
+        recorder.finish().unwrap()
+    });
+}
 
-    /// To a file in the system's folder for temporary files, with the options and the session of `bench sim`.
-    #[divan::bench(args = MODELS)]
-    fn recorded(bencher: Bencher, model: Model) {
-        let (rig, folder) = (rig(model), tempdir().unwrap());
-        let mission = mission(&rig);
-        let session = Session {
-            rig_toml: Some(rig.to_toml()),
-            mission_toml: Some(mission.to_toml()),
-            seed: Some(0),
-            ..Session::new(Mode::Sim)
-        };
-        let path = folder.path().join("flight.mcap");
-        bencher.counter(ItemsCount::new(FLIGHT_S as u64)).bench_local(|| {
-            let mut recorder = Recorder::create(&path, &session, Options::SIMULATION).unwrap();
-            fly(&rig, &mission, &mut recorder);
-            recorder.finish().unwrap()
-        });
-    }
-
-    /// To a list of records.
-    #[divan::bench(args = MODELS)]
-    fn in_memory(bencher: Bencher, model: Model) {
-        let rig = rig(model);
-        let mission = mission(&rig);
-        let mut records: Vec<Record> = Vec::new();
-        bencher.counter(ItemsCount::new(FLIGHT_S as u64)).bench_local(|| {
-            records.clear();
-            fly(&rig, &mission, &mut records);
-        });
-    }
+/// To a list of records.
+#[divan::bench(args = MODELS, sample_count = 200)]
+fn in_memory(bencher: Bencher, model: Model) {
+    let rig = rig(model);
+    let mission = mission(&rig);
+    let mut records: Vec<Record> = Vec::new();
+    bencher.counter(ItemsCount::new(FLIGHT_S as u64)).bench_local(|| {
+        records.clear();
+        fly(&rig, &mission, &mut records);
+    });
 }
 
 /// Steps of 1 ms in free flight, a little above hover with every stick off its centre.

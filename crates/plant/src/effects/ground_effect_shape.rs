@@ -1,58 +1,62 @@
-//! The ground effect has no edge.
+//! The ground effect reaches further, or fades without an edge.
 
 use bench_rig::Rig;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
-use crate::nominal::Air;
+use crate::nominal::{Air, Nominal};
 
-/// The nominal ground effect, which ends at a height, blended with one that fades exponentially.
+/// The nominal straight line to a height becomes a power of one: from a line to another height to an exponential.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "ground-effect-shape",
     stage: Stage::Environment,
-    summary: "the ground effect fades exponentially instead of ending at a height",
-    law: "extra = (1 - b) extra_nominal(z) + b (multiplier - 1) exp(-z/length)",
-    source: "He, Kou, Calaf, Leang, In-Ground-Effect Modeling and Nonlinear-Disturbance Observer for Multirotor Unmanned Aerial Vehicle Control, ASME Journal of Dynamic Systems, Measurement, and Control 141(7), 2019: exponential model",
+    summary: "the ground effect reaches to another height, or fades without an edge",
+    law: "extra = (multiplier - 1) max(0, 1 - z/(s n height))^n: a line for n = 1, exp(-z/(s height)) for n without bound",
+    source: "He, Kou, Calaf, Leang, In-Ground-Effect Modeling and Nonlinear-Disturbance Observer for Multirotor Unmanned Aerial Vehicle Control, ASME Journal of Dynamic Systems, Measurement, and Control 141(7), 2019: exponential model, the limit of this family",
     parameters: &[
         Parameter {
-            key: "blend",
+            key: "stretch",
             unit: "1",
-            meaning: "share b of the exponential shape",
-            min: 0.0,
-            max: 1.0,
-            prior: Prior::LogNormal { median: 0.5, sigma_ln: 0.5 },
-            neutral: Some(0.0),
+            meaning: "reach s of the ground effect over the nominal",
+            min: 0.1,
+            max: 10.0,
+            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.5 },
+            neutral: Some(1.0),
         },
         Parameter {
-            key: "length_m",
-            unit: "m",
-            meaning: "height over which the exponential falls by e",
-            min: 0.002,
-            max: 2.0,
-            prior: Prior::LogNormal { median: 0.04, sigma_ln: 0.7 },
-            neutral: None,
+            key: "exponent",
+            unit: "1",
+            meaning: "exponent n of the fall with height",
+            min: 0.3,
+            max: 50.0,
+            prior: Prior::LogNormal { median: 2.0, sigma_ln: 0.8 },
+            neutral: Some(1.0),
         },
     ],
     build,
 };
 
 fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
+    let nominal = Nominal::new(&rig.airframe);
+    let [stretch, exponent] = [values[0], values[1]];
     Box::new(GroundEffectShape {
-        blend: values[0],
-        length_m: values[1],
-        gain: rig.airframe.ground_effect.multiplier.value - 1.0,
+        fall_per_m: (rig.airframe.ground_effect.height_m.value * stretch * exponent).recip(),
+        exponent,
+        nominal,
     })
 }
 
 struct GroundEffectShape {
-    blend: f64,
-    length_m: f64,
-    gain: f64,
+    nominal: Nominal,
+    fall_per_m: f64,
+    exponent: f64,
 }
 
 impl Effect for GroundEffectShape {
     fn ground_effect(&self, air: &Air, ground_effect: &mut f64) {
-        let exponential = self.gain * (-air.height_m.max(0.0) / self.length_m).exp();
-        *ground_effect += self.blend * (exponential - *ground_effect);
+        let depth = (1.0 - air.height_m.max(0.0) * self.fall_per_m).max(0.0);
+        let shaped = self.nominal.ground_effect_gain * depth.powf(self.exponent);
+        // As a difference, so that what other effects made of the nominal law stays.
+        *ground_effect += shaped - self.nominal.ground_effect(air.height_m);
     }
 }
 
@@ -63,16 +67,21 @@ mod tests {
         nominal::Nominal,
     };
 
+    fn extra(values: &[f64; 2], height_m: f64) -> f64 {
+        let mut extra = Nominal::new(&rig().airframe).ground_effect(height_m);
+        effect("ground-effect-shape", values).ground_effect(&air(height_m, 0.0), &mut extra);
+        extra
+    }
+
     #[test]
-    fn the_blend_lies_between_line_and_exponential() {
-        let nominal = Nominal::new(&rig().airframe);
-        let shape = effect("ground-effect-shape", &[0.25, 0.02]);
-        // Multiplier 1.3 to 5 cm: on the line 0.3, 0.18, 0; on the exponential 0.3, 0.3/e, 0.3/e^5.
-        for (height_m, line, tail) in [(0.0, 0.3, 0.3), (0.02, 0.18, 0.110_364), (0.1, 0.0, 0.002_021)] {
-            let air = air(height_m, 0.0);
-            let mut extra = nominal.ground_effect(height_m);
-            shape.ground_effect(&air, &mut extra);
-            assert!((extra - (0.75 * line + 0.25 * tail)).abs() < 1e-6, "{extra} at {height_m} m");
+    fn it_goes_from_a_longer_line_to_an_exponential() {
+        // Multiplier 1.3 to 5 cm. Twice as far on a line: 0.3, 0.3/2, 0 at 0, 5, 10 cm.
+        for (height_m, expected) in [(0.0, 0.3), (0.05, 0.15), (0.1, 0.0)] {
+            assert!((extra(&[2.0, 1.0], height_m) - expected).abs() < 1e-12);
         }
+        // The square of a line to 10 cm, falling as steeply at the ground as the nominal: 0.3 (1/2)^2 at 5 cm.
+        assert!((extra(&[1.0, 2.0], 0.05) - 0.075).abs() < 1e-12);
+        // (1 - x/50)^50 is e^-x to x^2/100: 1 % at 5 cm.
+        assert!((extra(&[1.0, 50.0], 0.05) / (0.3 * (-1.0_f64).exp()) - 1.0).abs() < 0.011);
     }
 }

@@ -12,7 +12,7 @@ use super::{
     Target,
     table::{Column, Table},
 };
-use crate::{Kind, RecordingError, Value, field::seconds};
+use crate::{Kind, RecordingError, Value};
 
 /// Rows held in memory before they are written as a group.
 const GROUP_ROWS: usize = 64 * 1024;
@@ -112,7 +112,7 @@ impl Cells {
     fn push(&mut self, value: Value) {
         match (&mut self.values, value) {
             (Values::Double(values), Value::Float(x)) => values.push(x),
-            (Values::Double(values), Value::Time(time)) => values.push(seconds(time)),
+            (Values::Double(values), Value::Time(time)) => values.push(time.seconds()),
             (Values::Integer(values), Value::Integer(n)) => values.push(n.cast_signed()),
             (Values::Text(values), Value::Text(text)) => values.push(text.as_bytes().to_vec().into()),
             (Values::Bool(values), Value::Bool(yes)) => values.push(yes),

@@ -1,7 +1,7 @@
 use rust_xlsxwriter::{DocProperties, ExcelDateTime, Format, Workbook, Worksheet, XlsxError};
 
 use super::{Target, table::Table};
-use crate::{Recording, RecordingError, Value, field::seconds};
+use crate::{Recording, RecordingError, Value};
 
 /// Rows of a sheet without its heading.
 const ROW_LIMIT: u64 = 1_048_576 - 1;
@@ -73,7 +73,7 @@ fn write_value(sheet: &mut Worksheet, row: u32, column: u16, value: Value) -> Re
         Value::Integer(n) => sheet.write(row, column, n)?,
         Value::Text(text) => sheet.write(row, column, text)?,
         Value::Bool(yes) => sheet.write(row, column, yes)?,
-        Value::Time(time) => sheet.write(row, column, seconds(time))?,
+        Value::Time(time) => sheet.write(row, column, time.seconds())?,
     };
     Ok(())
 }

@@ -1,0 +1,132 @@
+use std::{
+    fs,
+    hash::{BuildHasher, RandomState},
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, bail};
+use bench_blind::Plan;
+use bench_rig::Mission;
+use clap::{Args, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::{exit::Exit, files, words};
+
+/// Check a diagnosis on flights whose cause is withheld
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench blind seal --cases 60 -o blind/ --key blind-key.json
+")]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Seal(SealArguments),
+}
+
+pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
+    match arguments.command {
+        Command::Seal(arguments) => seal(&arguments),
+    }
+}
+
+/// Make cases, seal them, and keep what they are in a key apart
+#[derive(Args)]
+struct SealArguments {
+    /// Rig file
+    #[arg(long, default_value = files::DEFAULT_RIG)]
+    rig: PathBuf,
+    /// Missions that every case flies in turn: files, or folders of them in the order of their names
+    #[arg(long, num_args = 1.., default_value = "rigs/missions/blind")]
+    missions: Vec<PathBuf>,
+    /// How many cases
+    #[arg(long, default_value_t = 300)]
+    cases: usize,
+    /// Seed of everything random; whoever knows it can make the key again [default: drawn by chance]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Also draw the kinds that are kept for a seal whose scores are published
+    #[arg(long)]
+    with_reserved: bool,
+    /// Folder to make
+    #[arg(short, long, visible_alias = "out")]
+    output: PathBuf,
+    /// File for the key, outside of the folder
+    #[arg(long)]
+    key: PathBuf,
+}
+
+fn seal(arguments: &SealArguments) -> anyhow::Result<Exit> {
+    let plan = Plan {
+        rig: files::rig(&arguments.rig)?,
+        missions: missions(&arguments.missions)?,
+        cases: arguments.cases,
+        seed: arguments.seed.unwrap_or_else(any_seed),
+        with_reserved: arguments.with_reserved,
+    };
+    let bar = progress_bar(plan.cases as u64);
+    let began = Instant::now();
+    let seal = bench_blind::seal(&plan, &arguments.output, &arguments.key, |done| {
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    words::print(&format!(
+        "{} of {} sealed in {} ({:.0} s)\n  seal  {}\n  key   {}: keep it where whoever answers cannot read it",
+        words::count(plan.cases as u64, "case"),
+        words::count(plan.missions.len() as u64, "flight"),
+        arguments.output.display(),
+        began.elapsed().as_secs_f64(),
+        seal.key_sha256,
+        arguments.key.display(),
+    ))?;
+    Ok(Exit::Done)
+}
+
+/// A seed that nobody chose: the standard library's hash keys come from the operating system.
+fn any_seed() -> u64 {
+    RandomState::new().hash_one(0)
+}
+
+fn missions(places: &[PathBuf]) -> anyhow::Result<Vec<Mission>> {
+    let mut missions = Vec::new();
+    for place in places {
+        for file in mission_files(place)? {
+            missions.push(Mission::load(file)?);
+        }
+    }
+    Ok(missions)
+}
+
+fn mission_files(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if !place.is_dir() {
+        return Ok(vec![place.to_owned()]);
+    }
+    let mut found = Vec::new();
+    for entry in fs::read_dir(place).with_context(|| format!("cannot read {}", place.display()))? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            found.push(path);
+        }
+    }
+    if found.is_empty() {
+        bail!("no missions in {}; expected .toml files", place.display());
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn progress_bar(length: u64) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{wide_bar} {pos} of {len}, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = ProgressBar::new(length).with_style(style);
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}

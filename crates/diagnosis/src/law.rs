@@ -1,0 +1,176 @@
+//! The vertical model at one point of its parameter space, through the same laws as the simulator.
+
+use bench_device::Sticks;
+use bench_plant::{
+    effects::{Effects, LIBRARY, Parameter},
+    nominal::{Air, Forces, Nominal},
+};
+use bench_rig::{GRAVITY_M_S2, Rig};
+use nalgebra::Vector3;
+
+/// The nominal model's uncertain numbers, in this order.
+pub const NUISANCES: [&str; 7] = [
+    "mass_kg",
+    "thrust_gain",
+    "thrust_offset",
+    "ground_effect_multiplier",
+    "ground_effect_height_m",
+    "drag_n_s_per_m",
+    "tracker_latency_s",
+];
+
+/// Index of the latency among the nuisances.
+pub const LATENCY: usize = 6;
+
+/// A point of the parameter space: the nominal numbers, and effects of the library with their values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Values of [`NUISANCES`].
+    pub nuisances: [f64; 7],
+    /// Library index and values in the order of the spec.
+    pub effects: Vec<(usize, Vec<f64>)>,
+}
+
+/// One coordinate of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coordinate {
+    /// One of [`NUISANCES`].
+    Nuisance(usize),
+    /// Parameter of one of the point's effects.
+    Effect {
+        /// Which of the point's effects.
+        slot: usize,
+        /// Which of its parameters.
+        parameter: usize,
+    },
+}
+
+impl Point {
+    /// The rig's nominal numbers and one sigma of each.
+    pub fn nominal(rig: &Rig) -> (Self, [f64; 7]) {
+        let a = &rig.airframe;
+        let all = [
+            a.mass_kg,
+            a.thrust.gain_n_per_unit,
+            a.thrust.offset,
+            a.ground_effect.multiplier,
+            a.ground_effect.height_m,
+            a.drag_n_s_per_m,
+            rig.tracker.latency_s,
+        ];
+        (Self { nuisances: all.map(|x| x.value), effects: Vec::new() }, all.map(|x| x.sigma))
+    }
+
+    /// The value at a coordinate.
+    pub fn get(&self, at: Coordinate) -> f64 {
+        match at {
+            Coordinate::Nuisance(i) => self.nuisances[i],
+            Coordinate::Effect { slot, parameter } => self.effects[slot].1[parameter],
+        }
+    }
+
+    /// The value at a coordinate, to be changed.
+    pub fn get_mut(&mut self, at: Coordinate) -> &mut f64 {
+        match at {
+            Coordinate::Nuisance(i) => &mut self.nuisances[i],
+            Coordinate::Effect { slot, parameter } => &mut self.effects[slot].1[parameter],
+        }
+    }
+
+    /// The library's description of an effect's parameter.
+    pub fn parameter(&self, slot: usize, parameter: usize) -> &'static Parameter {
+        &LIBRARY[self.effects[slot].0].parameters[parameter]
+    }
+}
+
+/// The law with its effects' inner states, advanced along a flight.
+pub struct Law {
+    nominal: Nominal,
+    effects: Effects,
+    mass_kg: f64,
+    free_thrust_n: f64,
+    /// How much later than the tracker believes an exposure was seen, s, the rig's latency included.
+    pub latency_s: f64,
+    /// Factor and offset [m] of the altitude as seen.
+    pub scale: (f64, f64),
+}
+
+impl Law {
+    /// At rest, before a flight.
+    pub fn new(point: &Point, rig: &Rig) -> Self {
+        let n = &point.nuisances;
+        let mut airframe = rig.airframe.clone();
+        airframe.mass_kg.value = n[0];
+        airframe.thrust.gain_n_per_unit.value = n[1];
+        airframe.thrust.offset.value = n[2];
+        airframe.ground_effect.multiplier.value = n[3];
+        airframe.ground_effect.height_m.value = n[4];
+        airframe.drag_n_s_per_m.value = n[5];
+        let nominal = Nominal::new(&airframe);
+        let mut effects = Effects::default();
+        for (index, values) in &point.effects {
+            effects.add(*index, values, rig, 0);
+        }
+        let mut mass_kg = nominal.mass_kg;
+        for effect in &effects.air {
+            effect.mass(&mut mass_kg);
+        }
+        let mut law =
+            Self { nominal, effects, mass_kg, free_thrust_n: 0.0, latency_s: n[LATENCY], scale: (1.0, 0.0) };
+        for (index, values) in &point.effects {
+            match LIBRARY[*index].name {
+                "tracker-latency" => law.latency_s += values[0],
+                "tracker-scale" => law.scale = (1.0 + values[0], values[1]),
+                _ => {}
+            }
+        }
+        law
+    }
+
+    /// Takes the pin's throttle over the next step.
+    #[inline]
+    pub fn hold(&mut self, dt_s: f64, throttle: f64) {
+        let mut sticks = Sticks { throttle, ..Sticks::default() };
+        for effect in &mut self.effects.actuator {
+            effect.actuate(dt_s, &mut sticks);
+        }
+        self.free_thrust_n = self.nominal.free_thrust_n(sticks.throttle);
+        for effect in &mut self.effects.propulsion {
+            effect.propel(dt_s, &mut self.free_thrust_n);
+        }
+    }
+
+    /// Moves the effects' states on along the flight.
+    #[inline]
+    pub fn advance(&mut self, dt_s: f64, z_m: f64, speed_m_s: f64) {
+        if !self.effects.air.is_empty() {
+            let air = self.air(z_m, speed_m_s);
+            for effect in &mut self.effects.air {
+                effect.advance(dt_s, &air);
+            }
+        }
+    }
+
+    /// Upward acceleration, m/s^2.
+    #[inline]
+    pub fn acceleration_m_s2(&self, z_m: f64, speed_m_s: f64) -> f64 {
+        let forces = Forces {
+            nominal: &self.nominal,
+            effects: &self.effects,
+            free_thrust_n: self.free_thrust_n,
+            mass_kg: self.mass_kg,
+        };
+        let air = self.air(z_m, speed_m_s);
+        (forces.thrust_n(&air) + forces.drag_n(&air).z) / self.mass_kg - GRAVITY_M_S2
+    }
+
+    #[inline]
+    fn air(&self, z_m: f64, speed_m_s: f64) -> Air {
+        Air {
+            height_m: z_m,
+            velocity_m_s: Vector3::new(0.0, 0.0, speed_m_s),
+            tilt_cos: 1.0,
+            free_thrust_n: self.free_thrust_n,
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! Where the sim-to-real gap lies, which unmodelled effect causes it, and how far it shrinks once that effect is added.
+//!
+//! ```text
+//! recordings -> Track -> Problem (rig, tolerances, noise) -> Fit of `none`, of every effect, of pairs
+//!                                                         -> regions: what a fit leaves unexplained
+//!                                                         -> Diagnosis: verdict, candidates, gap, place
+//! ```
+//!
+//! A Kalman filter ([`pass`]) predicts each sighting through the same laws that the simulator flies ([`law`]), and its
+//! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
+
+mod diagnose;
+mod fit;
+mod law;
+mod pass;
+mod predict;
+mod region;
+mod track;
+
+pub use diagnose::{
+    Candidate, Diagnosis, FlightUsed, Gap, KStep, Number, ParameterValue, Place, RegionTold, Verdict,
+};
+pub use fit::Problem;
+pub use track::{Input, Sighting, Track, TrackError};

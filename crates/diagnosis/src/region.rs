@@ -1,0 +1,138 @@
+//! Where the model fails: a free acceleration over altitude, speed, thrust, time and charge, on top of a fit.
+//!
+//! With the innovations' sensitivities to hat functions at the fit's mode, the evidence of a free acceleration with a
+//! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
+//! information `F` are what the fitted parameters leave of them (Schur complement).
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::{
+    fit::{Fit, Problem, add_prior},
+    pass::{Axis, Direction, Hat, run},
+};
+
+/// A free acceleration over one quantity.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// Which quantity.
+    pub axis: Axis,
+    /// Where the hats stand.
+    pub knots: Vec<f64>,
+    /// Acceleration at each knot, m/s^2.
+    pub acceleration_m_s2: Vec<f64>,
+    /// One sigma of each.
+    pub sigma_m_s2: Vec<f64>,
+    /// Gain of log-evidence at the best prior width; 0 if none is a gain.
+    pub gain: f64,
+}
+
+/// What a free acceleration would add to a fit.
+#[derive(Clone, Debug)]
+pub struct Regions {
+    /// One a quantity, in the order of [`Axis::ALL`].
+    pub axes: Vec<Region>,
+    /// Gain of log-evidence with all quantities free at once: what no known law may explain.
+    pub ceiling: f64,
+}
+
+const KNOTS: usize = 6;
+/// Prior widths that are tried, m/s^2.
+const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
+
+/// Looks for structure that a fit leaves.
+pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
+    let plain = run(problem.tracks, problem.rig, &fit.point, &fit.noise, &[]);
+    let mut directions = problem.directions(&fit.point);
+    let fitted = directions.len();
+    let mut knots_by_axis = Vec::new();
+    for (index, axis) in Axis::ALL.into_iter().enumerate() {
+        let knots = knots(plain.innovations.iter().map(|innovation| innovation.axes[index]).collect());
+        for k in 0..knots.len() {
+            let at = |i: usize| knots[i];
+            let neighbours = [at(k.saturating_sub(1)), at(k), at((k + 1).min(knots.len() - 1))];
+            directions.push(Direction::Hat(Hat { axis, knots: neighbours }));
+        }
+        knots_by_axis.push(knots);
+    }
+    let pass = run(problem.tracks, problem.rig, &fit.point, &fit.noise, &directions);
+    let (information, gradient) = project(fit, &pass.information, &pass.gradient, fitted);
+
+    let mut axes = Vec::new();
+    let mut first = 0;
+    for (axis, knots) in Axis::ALL.into_iter().zip(knots_by_axis) {
+        let n = knots.len();
+        let f = information.view((first, first), (n, n)).into_owned();
+        let g = gradient.rows(first, n).into_owned();
+        let (gain, width) = best_gain(&f, &g);
+        let (acceleration_m_s2, sigma_m_s2) = solution(&f, &g, width);
+        axes.push(Region { axis, knots, acceleration_m_s2, sigma_m_s2, gain });
+        first += n;
+    }
+    let (ceiling, _) = best_gain(&information, &gradient);
+    Regions { axes, ceiling }
+}
+
+/// Quantiles of what was flown, those that coincide left out.
+fn knots(mut values: Vec<f64>) -> Vec<f64> {
+    values.sort_by(f64::total_cmp);
+    let (Some(low), Some(high)) = (values.first(), values.last()) else { return Vec::new() };
+    let least = 0.02 * (high - low);
+    let mut knots: Vec<f64> = Vec::new();
+    for k in 0..KNOTS {
+        let at = values[k * (values.len() - 1) / (KNOTS - 1)];
+        if knots.last().is_none_or(|last| at - last > least) {
+            knots.push(at);
+        }
+    }
+    knots
+}
+
+/// What the fitted parameters leave of information and gradient of the rest.
+fn project(
+    fit: &Fit,
+    lower: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    fitted: usize,
+) -> (DMatrix<f64>, DVector<f64>) {
+    let n = gradient.len();
+    let full = DMatrix::from_fn(n, n, |i, j| if i >= j { lower[(i, j)] } else { lower[(j, i)] });
+    let free = full.view((fitted, fitted), (n - fitted, n - fitted)).into_owned();
+    let cross = full.view((fitted, 0), (n - fitted, fitted)).into_owned();
+    let mut own = full.view((0, 0), (fitted, fitted)).into_owned();
+    let mut own_gradient = gradient.rows(0, fitted).into_owned();
+    add_prior(fit, &mut own, &mut own_gradient);
+    match own.cholesky() {
+        Some(own) => (
+            free - &cross * own.solve(&cross.transpose()),
+            gradient.rows(fitted, n - fitted) - &cross * own.solve(&own_gradient),
+        ),
+        None => (free, gradient.rows(fitted, n - fitted).into_owned()),
+    }
+}
+
+/// The best gain over the prior widths, and that width.
+fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>) -> (f64, f64) {
+    WIDTHS
+        .into_iter()
+        .filter_map(|s| {
+            let n = g.len();
+            let posterior = (f + DMatrix::identity(n, n) * s.powi(-2)).cholesky()?;
+            let quadratic = 0.5 * g.dot(&posterior.solve(g));
+            let half_ln_det = posterior.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            Some((quadratic - half_ln_det - n as f64 * s.ln(), s))
+        })
+        .fold((0.0, WIDTHS[0]), |best, this| if this.0 > best.0 { this } else { best })
+}
+
+fn solution(f: &DMatrix<f64>, g: &DVector<f64>, s: f64) -> (Vec<f64>, Vec<f64>) {
+    let n = g.len();
+    let posterior = f + DMatrix::identity(n, n) * s.powi(-2);
+    posterior.try_inverse().map_or_else(
+        || (vec![0.0; n], vec![s; n]),
+        |covariance| {
+            let mean = &covariance * g;
+            let sigma = covariance.diagonal().map(|x| x.max(0.0).sqrt());
+            (mean.iter().copied().collect(), sigma.iter().copied().collect())
+        },
+    )
+}
