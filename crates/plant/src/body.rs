@@ -312,9 +312,8 @@ impl StabiliserLaw {
         let wanted = &command.z_direction;
         let wanted_z =
             Vector3::new(cos * wanted.x - sin * wanted.y, sin * wanted.x + cos * wanted.y, wanted.z);
-        // Rotating the body by this (small) vector, in its own frame, brings its z to the wanted one.
-        let error_axis = body_z.cross(&wanted_z);
-        let error = Vector3::new(body_x.dot(&error_axis), body_y.dot(&error_axis), 0.0);
+        // Rotating the body by this (small) vector brings its z to the wanted one: their cross product, in the body's frame.
+        let error = Vector3::new(-body_y.dot(&wanted_z), body_x.dot(&wanted_z), 0.0);
 
         let inertia = &self.inertia_kg_m2;
         let torque_max = 0.5 * self.arm_m * thrust_n;

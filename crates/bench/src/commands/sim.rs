@@ -195,7 +195,7 @@ impl Flight<'_> {
                 "s" => 2,
                 _ => 0,
             };
-            let _ = writeln!(out, "  {name:<18} {value:>8.digits$} {unit}");
+            let _ = writeln!(out, "{}", format!("  {name:<18} {value:>8.digits$} {unit}").trim_end());
         }
         match &self.flown.ending {
             Ending::Complete => {}
