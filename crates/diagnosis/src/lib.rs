@@ -6,7 +6,7 @@
 //!                                                         -> Diagnosis: verdict, candidates, gap, place
 //! ```
 //!
-//! A Kalman filter ([`pass`]) predicts each sighting through the same laws that the simulator flies ([`law`]), and its
+//! A Kalman filter (`pass`) predicts each sighting through the same laws that the simulator flies (`law`), and its
 //! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
 
 mod diagnose;

@@ -92,7 +92,7 @@ impl Profile {
         Self { points: vec![[0.0, value]] }
     }
 
-    /// From points of time [s] and value; `None` if there is none, or if times fall or are not finite.
+    /// From points of time in seconds and value; `None` if there is none, or if times fall or are not finite.
     pub fn from_points(points: Vec<[f64; 2]>) -> Option<Self> {
         let sound = !points.is_empty()
             && points.is_sorted_by(|a, b| a[0] <= b[0])
@@ -110,7 +110,7 @@ impl Profile {
         }
     }
 
-    /// The points of time [s] and value.
+    /// The points of time in seconds and value.
     pub fn points(&self) -> &[[f64; 2]] {
         &self.points
     }
