@@ -127,7 +127,9 @@ pub fn flight(seconds: f64) -> Vec<Record> {
 /// Records into a file in `folder`.
 pub fn write(folder: &Path, name: &str, session: &Session, records: &[Record]) -> (PathBuf, Finished) {
     let path = folder.join(name);
-    let mut recorder = Recorder::create(&path, session, Options::SIMULATION).unwrap();
+    // Short chunks, so that a short recording has several.
+    let options = Options { flush_interval_s: 0.5, ..Options::SIMULATION };
+    let mut recorder = Recorder::create(&path, session, options).unwrap();
     for record in records {
         recorder.record(*record);
     }
