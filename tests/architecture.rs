@@ -37,6 +37,10 @@ fn documented() -> Graph {
 
 /// Crate to the workspace's crates that it depends on, dev-dependencies left out.
 fn actual() -> Graph {
+    dependencies(false)
+}
+
+fn dependencies(with_tests: bool) -> Graph {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
         .current_dir(root())
@@ -51,7 +55,7 @@ fn actual() -> Graph {
             let dependencies = package["dependencies"].as_array().unwrap();
             let inside = dependencies
                 .iter()
-                .filter(|dependency| dependency["kind"] != "dev")
+                .filter(|dependency| with_tests || dependency["kind"] != "dev")
                 .map(|dependency| dependency["name"].as_str().unwrap().to_owned())
                 .filter(|name| names.contains(name))
                 .collect();
@@ -80,5 +84,21 @@ fn the_controller_cannot_see_the_plant() {
     let actual = actual();
     for end in ["bench-plant", "bench-recording"] {
         assert!(!actual["bench-control"].contains(end));
+    }
+}
+
+#[test]
+fn the_blind_check_reaches_neither_the_plant_nor_the_diagnosis() {
+    // The promise behind its scores: a diagnosis tried on its own model proves nothing. Its tests may not know them either.
+    let graph = dependencies(true);
+    let mut reached = BTreeSet::new();
+    let mut ahead = vec!["bench-blind".to_owned()];
+    while let Some(name) = ahead.pop() {
+        if reached.insert(name.clone()) {
+            ahead.extend(graph[&name].iter().cloned());
+        }
+    }
+    for forbidden in ["bench-plant", "bench-diagnosis"] {
+        assert!(!reached.contains(forbidden), "bench-blind reaches {forbidden} through {reached:?}");
     }
 }

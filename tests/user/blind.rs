@@ -11,7 +11,8 @@ fn sealed(scratch: &Scratch) {
     )
     .unwrap();
     let (mission, out, key) = (scratch.name("hop.toml"), scratch.name("cases"), scratch.name("key.json"));
-    let seal = ["blind", "seal", "--cases", "4", "--seed", "3", "--missions", &mission, "-o", &out, "--key", &key];
+    let seal =
+        ["blind", "seal", "--cases", "4", "--seed", "3", "--missions", &mission, "-o", &out, "--key", &key];
     let words = stdout(&bench(seal).assert().success());
     assert!(words.contains("4 cases"), "{words}");
 }
@@ -21,7 +22,12 @@ fn says_none(scratch: &Scratch) {
     let seal: serde_json::Value =
         serde_json::from_slice(&fs::read(scratch.path("cases/seal.json")).unwrap()).unwrap();
     let cases: serde_json::Map<_, _> = (1..=3)
-        .map(|i| (format!("case-00{i}"), serde_json::json!({ "verdict": "none", "probabilities": { "none": 0.7 } })))
+        .map(|i| {
+            (
+                format!("case-00{i}"),
+                serde_json::json!({ "verdict": "none", "probabilities": { "none": 0.7 } }),
+            )
+        })
         .collect();
     let answers = serde_json::json!({
         "schema": "bench.answers/1", "tool": "always none", "seal": seal["key_sha256"], "sha256": "0".repeat(64), "cases": cases,

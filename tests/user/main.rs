@@ -1,5 +1,6 @@
 //! The bench as a user meets it: commands, files, words and exit codes.
 
+mod blind;
 mod compare;
 mod diagnose;
 mod figures;

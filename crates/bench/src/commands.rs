@@ -1,7 +1,7 @@
 //! One module a command.
 
-pub mod diagnose;
 pub mod blind;
+pub mod diagnose;
 pub mod diff;
 pub mod effects;
 pub mod export;

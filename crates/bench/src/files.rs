@@ -35,7 +35,9 @@ fn missions_in(folder: &Path) -> String {
     let mut names: Vec<_> = std::fs::read_dir(folder)
         .into_iter()
         .flatten()
-        .filter_map(|entry| entry.ok()?.path().file_stem()?.to_str().map(str::to_owned))
+        .filter_map(|entry| {
+            Some(entry.ok()?.path()).filter(|path| path.is_file())?.file_stem()?.to_str().map(str::to_owned)
+        })
         .collect();
     names.sort();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }

@@ -35,7 +35,11 @@ impl Time {
 
     /// Seconds from `earlier` to `self`; negative when `earlier` is the later one.
     pub fn since_s(self, earlier: Self) -> f64 {
-        (i128::from(self.nanos) - i128::from(earlier.nanos)) as f64 / 1e9
+        if self >= earlier {
+            (self.nanos - earlier.nanos) as f64 / 1e9
+        } else {
+            -((earlier.nanos - self.nanos) as f64 / 1e9)
+        }
     }
 
     /// This instant moved by `seconds` (either sign), not before the origin.

@@ -18,7 +18,9 @@ use crate::{exit::Exit, files, words};
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench blind seal --cases 60 -o blind/ --key blind-key.json
-")]
+  bench blind open blind/ --key blind-key.json --answers answers.json --html score.html
+
+docs/blind.md tells how answers are written, and what the scores mean.")]
 pub struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -27,11 +29,15 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Seal(SealArguments),
+    Stamp(StampArguments),
+    Open(OpenArguments),
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     match arguments.command {
         Command::Seal(arguments) => seal(&arguments),
+        Command::Stamp(arguments) => stamp(&arguments),
+        Command::Open(arguments) => open(&arguments),
     }
 }
 
@@ -84,6 +90,52 @@ fn seal(arguments: &SealArguments) -> anyhow::Result<Exit> {
         seal.key_sha256,
         arguments.key.display(),
     ))?;
+    Ok(Exit::Done)
+}
+
+/// Put their hash into answers that another tool wrote
+#[derive(Args)]
+struct StampArguments {
+    /// Answers (bench.answers/1); the hash replaces the 64 digits of its "sha256"
+    answers: PathBuf,
+}
+
+fn stamp(arguments: &StampArguments) -> anyhow::Result<Exit> {
+    words::print(&bench_blind::stamp(&arguments.answers)?)?;
+    Ok(Exit::Done)
+}
+
+/// Check that seal, key and answers are what they were, then score the answers
+#[derive(Args)]
+struct OpenArguments {
+    /// Sealed folder
+    folder: PathBuf,
+    /// Its key
+    #[arg(long)]
+    key: PathBuf,
+    /// Answers (bench.answers/1)
+    #[arg(long)]
+    answers: PathBuf,
+    /// Print the score as JSON (schema bench.blind/1)
+    #[arg(long)]
+    json: bool,
+    /// Also write the score as one HTML page
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+}
+
+fn open(arguments: &OpenArguments) -> anyhow::Result<Exit> {
+    let score = bench_blind::open(&arguments.folder, &arguments.key, &arguments.answers)?;
+    if arguments.json {
+        words::print_json(&score)?;
+    } else {
+        words::print(&score.in_words())?;
+    }
+    if let Some(file) = &arguments.html {
+        fs::write(file, bench_blind::page(&score))
+            .with_context(|| format!("cannot write {}", file.display()))?;
+        eprintln!("wrote {}", file.display());
+    }
     Ok(Exit::Done)
 }
 

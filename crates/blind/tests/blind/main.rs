@@ -1,0 +1,5 @@
+//! Seals and how they are opened.
+
+mod common;
+mod open;
+mod seal;
