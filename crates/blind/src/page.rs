@@ -121,7 +121,7 @@ fn figures(out: &mut String, score: &Score) {
 fn by_label(out: &mut String, score: &Score) {
     out.push_str(
         "<section class=\"card\"><h2>By cause</h2><div class=\"scroll\"><table><thead><tr><th>cause</th>\
-         <th>median d&prime;</th><th>seen</th><th>named</th><th></th></tr></thead><tbody>",
+         <th class=\"number\">median d&prime;</th><th class=\"number\">seen</th><th class=\"number\">named</th><th></th></tr></thead><tbody>",
     );
     for family in Family::ALL {
         for row in score.by_label.iter().filter(|row| row.family == family) {
@@ -150,7 +150,7 @@ fn cause(out: &mut String, row: &ByLabel) {
 fn cases(out: &mut String, score: &Score) {
     out.push_str(
         "<details class=\"card\"><summary>Case by case</summary><div class=\"scroll\"><table><thead><tr><th>case</th>\
-         <th>truth</th><th>form</th><th>d&prime;</th><th>told</th><th>probability of the truth</th></tr></thead><tbody>",
+         <th>truth</th><th>form</th><th class=\"number\">d&prime;</th><th>told</th><th class=\"number\">p(truth)</th></tr></thead><tbody>",
     );
     for case in &score.case {
         let _ = write!(

@@ -243,7 +243,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["thrust to weight less one, 1", "actuator"],
         &["throttle"],
         |r, s| {
-            let margin = log_uniform(r, 0.05, 0.35);
+            let margin = log_uniform(r, 0.04, 0.22);
             let fault = OutputFault::SoftLimit { level: s.throttle(1.0 + margin), softness: 0.004 * s.range };
             Made::of(Fault::Output(fault), margin).with("high_thrust_to_weight", 1.0 + margin)
         },
@@ -254,7 +254,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["thrust to weight less one, 1", "actuator"],
         &["throttle"],
         |r, s| {
-            let margin = log_uniform(r, 0.05, 0.35);
+            let margin = log_uniform(r, 0.04, 0.22);
             let level = s.throttle(1.0 + margin);
             let fault = OutputFault::FallingLimit { level, fall_per_min: 0.002 * s.per_weight };
             Made::of(Fault::Output(fault), margin).with("high_thrust_to_weight", 1.0 + margin)
