@@ -9,7 +9,7 @@ pub struct Controller {
     plans: Vec<PhasePlan>,
     current: usize,
     phase_began: Time,
-    rest_throttle: f64,
+    at_rest: Sticks,
     aborted: bool,
     landing: Landing,
     estimator: Estimator,
@@ -53,7 +53,7 @@ impl Controller {
             plans: mission.phases.clone(),
             current: 0,
             phase_began: Time::ZERO,
-            rest_throttle: rig.airframe.sticks.min,
+            at_rest: rig.airframe.sticks.at_rest(),
             aborted: false,
             landing: Landing::Not,
             estimator: Estimator::new(rig.control.extrapolation_s, rig.control.velocity_window_s),
@@ -89,7 +89,7 @@ impl Controller {
         let elapsed_s = now.since_s(self.phase_began);
         let level = self.lateral.centred();
         let (throttle, [pitch, roll, yaw]) = match &plan.action {
-            PhaseAction::Idle => (self.rest_throttle, level),
+            PhaseAction::Idle => (self.at_rest.throttle, level),
             PhaseAction::Launch { thrust_to_weight } => {
                 (self.altitude.open_loop(thrust_to_weight.at(elapsed_s)), level)
             }
@@ -135,8 +135,7 @@ impl Controller {
 
     /// The sticks that stop the rotors.
     pub fn at_rest(&self) -> Sticks {
-        let [pitch, roll, yaw] = self.lateral.centred();
-        Sticks { throttle: self.rest_throttle, pitch, roll, yaw }
+        self.at_rest
     }
 
     fn hold_place(
@@ -176,7 +175,7 @@ impl Controller {
             }
             _ => {
                 self.landing = Landing::Done;
-                self.rest_throttle
+                self.at_rest.throttle
             }
         }
     }

@@ -37,8 +37,6 @@ pub struct Fit {
     pub free: Vec<Free>,
     /// Covariance of the free coordinates, each in its own scale (natural logarithm where the prior is log-normal).
     pub covariance: DMatrix<f64>,
-    /// Negative log-likelihood at the mode.
-    pub nll: f64,
     /// Natural logarithm of the evidence, but for a constant that all hypotheses share.
     pub log_evidence: f64,
 }
@@ -125,7 +123,7 @@ impl<'a> Problem<'a> {
                 .map(|values| {
                     let mut point = Point { nuisances, ..base.point.clone() };
                     point.effects.push((effect, values));
-                    (self.objective(&point, &base.noise).1, point)
+                    (self.objective(&point, &base.noise), point)
                 })
                 .min_by(|a, b| a.0.total_cmp(&b.0))?;
             Some(self.refine(start, base.noise))
@@ -138,7 +136,7 @@ impl<'a> Problem<'a> {
     fn refine(&self, mut point: Point, mut noise: Noise) -> Fit {
         let free = self.free(&point);
         let mut damping = 1e-3;
-        let (_, mut best) = self.objective(&point, &noise);
+        let mut best = self.objective(&point, &noise);
         let mut pass = run(self.tracks, self.rig, &point, &noise, &self.directions(&point));
         for _ in 0..MAX_ITERATIONS {
             let (hessian, gradient) = normal_equations(&point, &free, &pass);
@@ -150,7 +148,7 @@ impl<'a> Problem<'a> {
                     let own = f.own(point.get(f.at)) + dx.clamp(-3.0 * f.sigma, 3.0 * f.sigma);
                     *trial.get_mut(f.at) = f.value(own);
                 }
-                let (_, objective) = self.objective(&trial, &noise);
+                let objective = self.objective(&trial, &noise);
                 if objective < best {
                     moved = best - objective > 0.02;
                     (point, best) = (trial, objective);
@@ -160,7 +158,7 @@ impl<'a> Problem<'a> {
                 damping *= 6.0;
             }
             let adjusted = self.fit_noise(&point, noise);
-            let (_, objective) = self.objective(&point, &adjusted);
+            let objective = self.objective(&point, &adjusted);
             if objective < best {
                 moved |= best - objective > 0.02;
                 (noise, best) = (adjusted, objective);
@@ -174,11 +172,11 @@ impl<'a> Problem<'a> {
         let log_evidence = log_evidence(best, &free, &hessian);
         let covariance = hessian.try_inverse().unwrap_or_else(|| DMatrix::zeros(free.len(), free.len()));
         let effects = point.effects.iter().map(|(index, _)| *index).collect();
-        Fit { effects, point, noise, free, covariance, nll: pass.nll, log_evidence }
+        Fit { effects, point, noise, free, covariance, log_evidence }
     }
 
-    /// Negative log-likelihood and negative log-posterior (but for constants) at a point.
-    fn objective(&self, point: &Point, noise: &Noise) -> (f64, f64) {
+    /// Negative log-posterior at a point, but for constants.
+    fn objective(&self, point: &Point, noise: &Noise) -> f64 {
         let nll = run(self.tracks, self.rig, point, noise, &[]).nll;
         let prior: f64 = self
             .free(point)
@@ -187,7 +185,7 @@ impl<'a> Problem<'a> {
             .sum();
         let sighting = (noise.sighting_m / self.noise.sighting_m).ln() / SIGHTING_SIGMA_LN;
         let acceleration = (noise.acceleration / self.noise.acceleration).ln() / ACCELERATION_SIGMA_LN;
-        (nll, nll + prior + 0.5 * (sighting * sighting + acceleration * acceleration))
+        nll + prior + 0.5 * (sighting * sighting + acceleration * acceleration)
     }
 
     /// The free coordinates of a point with steps for their derivatives.
@@ -210,7 +208,7 @@ impl<'a> Problem<'a> {
             };
             // A parabola through three points is exact enough for a parameter that is only marginalised.
             let h = if which == 0 { 0.25 } else { 0.05 };
-            let value = |x: f64| self.objective(point, &with(x)).1;
+            let value = |x: f64| self.objective(point, &with(x));
             let (low, mid, high) = (value(-h), value(0.0), value(h));
             let curvature = low + high - 2.0 * mid;
             let step = if curvature > 1e-9 {

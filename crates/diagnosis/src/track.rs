@@ -105,7 +105,7 @@ impl Track {
             .filter(|command| command.sticks.throttle.is_finite())
             .map(|command| Input {
                 time_s: command.time.seconds(),
-                throttle: on_the_pin(rig, command.sticks.throttle),
+                throttle: rig.output.on_the_pin(&rig.airframe.sticks, command.sticks.throttle),
             })
             .collect();
         if inputs.is_empty() {
@@ -186,15 +186,4 @@ fn end_of(flight: &Flight) -> f64 {
     let last_position = flight.positions.last().map_or(Time::ZERO, |position| position.arrived_at);
     let last_command = flight.commands.last().map_or(Time::ZERO, |command| command.time);
     last_position.max(last_command).seconds()
-}
-
-/// What the rig's output makes of a command: range and resolution.
-fn on_the_pin(rig: &Rig, throttle: f64) -> f64 {
-    let sticks = &rig.airframe.sticks;
-    let clamped = throttle.clamp(sticks.min, sticks.max);
-    if rig.output.bits == 0 {
-        return clamped;
-    }
-    let step = (sticks.max - sticks.min) / f64::from((1_u32 << rig.output.bits) - 1);
-    sticks.min + ((clamped - sticks.min) / step).round() * step
 }

@@ -14,7 +14,7 @@ use bench_device::{
     Clock, DeviceError, Faults, PositionSample, PositionSource, Readback, Sticks, Time, TrackStatus,
     VoltageOutput,
 };
-use bench_rig::Rig;
+use bench_rig::{Output, Rig, StickRange};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -126,7 +126,7 @@ impl World {
             mass_kg,
             effects,
             body: Body::at_rest(rig.plant.model, &rig.airframe),
-            pins: rest(rig),
+            pins: rig.airframe.sticks.at_rest(),
             now: Time::ZERO,
             step_s: rig.plant.step_s,
             free_thrust_n: 0.0,
@@ -243,12 +243,6 @@ impl World {
     }
 }
 
-/// The sticks with throttle at rest and the others centred.
-fn rest(rig: &Rig) -> Sticks {
-    let sticks = &rig.airframe.sticks;
-    Sticks { throttle: sticks.min, pitch: sticks.centre, roll: sticks.centre, yaw: sticks.centre }
-}
-
 impl Camera {
     fn new(rig: &Rig, mut rng: ChaCha8Rng) -> Self {
         let tracker = &rig.tracker;
@@ -336,10 +330,8 @@ impl Clock for SimulatedClock {
 /// A DAC with range, resolution and hold, and an ADC that reads it back with noise.
 pub struct SimulatedOutput {
     world: SharedWorld,
-    min: f64,
-    max: f64,
-    /// Smallest step; zero: continuous.
-    step: f64,
+    output: Output,
+    sticks: StickRange,
     readback_noise: f64,
     rng: ChaCha8Rng,
     clamped: bool,
@@ -348,24 +340,13 @@ pub struct SimulatedOutput {
 impl SimulatedOutput {
     fn new(world: SharedWorld, rig: &Rig, seed: u64) -> Self {
         let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
-        let levels = (1_u32 << rig.output.bits) - 1;
         Self {
             world,
-            min: rig.airframe.sticks.min,
-            max: rig.airframe.sticks.max,
-            step: if levels == 0 { 0.0 } else { range / f64::from(levels) },
+            output: rig.output,
+            sticks: rig.airframe.sticks,
             readback_noise: rig.output.readback_noise_fraction * range,
             rng: stream(seed, OUTPUT_STREAM),
             clamped: false,
-        }
-    }
-
-    fn on_the_pin(&self, value: f64) -> f64 {
-        let clamped = value.clamp(self.min, self.max);
-        if self.step > 0.0 {
-            self.min + ((clamped - self.min) / self.step).round() * self.step
-        } else {
-            clamped
         }
     }
 }
@@ -378,13 +359,14 @@ impl VoltageOutput for SimulatedOutput {
                 return Err(DeviceError::BadCommand { device: "simulated output", channel, value });
             }
         }
-        self.clamped = sticks.to_array().iter().any(|value| !(self.min..=self.max).contains(value));
+        self.clamped =
+            sticks.to_array().iter().any(|value| !(self.sticks.min..=self.sticks.max).contains(value));
         let mut world = self.world.0.borrow_mut();
         let mut driven = sticks;
         for effect in &mut world.effects.actuator {
             effect.drive(&mut driven);
         }
-        world.set_pins(driven.map(|value| self.on_the_pin(value)));
+        world.set_pins(driven.map(|value| self.output.on_the_pin(&self.sticks, value)));
         Ok(())
     }
 

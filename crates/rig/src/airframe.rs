@@ -1,3 +1,5 @@
+use bench_device::Sticks;
+
 use crate::{
     GRAVITY_M_S2, Uncertain,
     visit::{Range, Visitor},
@@ -106,6 +108,13 @@ pub struct Stabiliser {
     pub yaw_time_constant_s: f64,
     /// Rotor axis to centre of gravity, m; with the thrust at hand it limits the torque.
     pub arm_m: f64,
+}
+
+impl StickRange {
+    /// Throttle at rest, the others centred.
+    pub fn at_rest(&self) -> Sticks {
+        Sticks { throttle: self.min, pitch: self.centre, roll: self.centre, yaw: self.centre }
+    }
 }
 
 impl Airframe {

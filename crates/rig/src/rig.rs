@@ -4,7 +4,7 @@ use std::{
 };
 
 use crate::{
-    Airframe, Location, Problem, RigError, Uncertain,
+    Airframe, Location, Problem, RigError, StickRange, Uncertain,
     visit::{self, Node, Range, Reader, Value, Visitor, Writer},
 };
 
@@ -66,6 +66,18 @@ pub struct Output {
     pub bits: u32,
     /// One sigma of the readback, as a fraction of the stick range.
     pub readback_noise_fraction: f64,
+}
+
+impl Output {
+    /// What a pin holds when `value` is asked of it: within the sticks' range, rounded to the output's resolution.
+    pub fn on_the_pin(&self, sticks: &StickRange, value: f64) -> f64 {
+        let clamped = value.clamp(sticks.min, sticks.max);
+        if self.bits == 0 {
+            return clamped;
+        }
+        let step = (sticks.max - sticks.min) / f64::from((1_u32 << self.bits) - 1);
+        sticks.min + ((clamped - sticks.min) / step).round() * step
+    }
 }
 
 /// The position source.
