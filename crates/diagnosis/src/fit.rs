@@ -3,10 +3,12 @@
 use bench_plant::effects::{LIBRARY, Prior};
 use bench_rig::Rig;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Point},
-    pass::{Direction, Noise, Pass, run},
+    pass::{Direction, Noise, PROBES, Pass, run},
+    random,
     track::Track,
 };
 
@@ -19,7 +21,7 @@ pub struct Problem<'a> {
     /// The rig's numbers.
     pub nominal: Point,
     /// One sigma of each; zero for those taken as exact.
-    pub sigma: [f64; 7],
+    pub sigma: [f64; 8],
     /// What is thought of the noise before any flight.
     pub noise: Noise,
 }
@@ -27,18 +29,24 @@ pub struct Problem<'a> {
 /// A fitted hypothesis.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// The effects' library indices.
-    pub effects: Vec<usize>,
-    /// The mode.
+    /// The mode, effects included.
     pub point: Point,
-    /// The noise at the mode.
+    /// Noise at the mode, without what the point's random effects add.
     pub noise: Noise,
     /// Free coordinates.
     pub free: Vec<Free>,
-    /// Covariance of the free coordinates, each in its own scale (natural logarithm where the prior is log-normal).
+    /// Coordinates of random effects with one sigma of each in its own scale.
+    pub random: Vec<(Free, f64)>,
+    /// Hessian of the negative log-posterior over the free coordinates, each in its own scale.
+    pub hessian: DMatrix<f64>,
+    /// Its inverse.
     pub covariance: DMatrix<f64>,
+    /// The negative log-posterior, but for constants.
+    pub objective: f64,
     /// Natural logarithm of the evidence, but for a constant that all hypotheses share.
     pub log_evidence: f64,
+    /// The last pass, at the mode, with the derivatives by the free coordinates.
+    pub pass: Pass,
 }
 
 /// A coordinate that is fitted, with its prior in its own scale.
@@ -57,23 +65,37 @@ pub struct Free {
 }
 
 impl Fit {
-    /// Slot, parameter, value and one sigma of each of the effects' parameters.
-    pub fn effect_parameters(&self) -> impl Iterator<Item = (usize, usize, f64, f64)> + '_ {
-        self.free.iter().enumerate().filter_map(|(i, f)| {
+    /// The effects' library indices.
+    pub fn effects(&self) -> Vec<usize> {
+        self.point.effects.iter().map(|(effect, _)| *effect).collect()
+    }
+
+    /// Noise with what the point's random effects add.
+    pub fn full_noise(&self, problem: &Problem<'_>) -> Noise {
+        random::added(&self.point, &self.noise, problem.rig)
+    }
+
+    /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
+    /// parameters.
+    pub fn effect_parameters(&self, sigmas: f64) -> impl Iterator<Item = (usize, usize, f64, [f64; 2])> + '_ {
+        let fitted = self.free.iter().enumerate().map(|(i, f)| (f, self.covariance[(i, i)].max(0.0).sqrt()));
+        let random = self.random.iter().map(|(f, sigma)| (f, *sigma));
+        fitted.chain(random).filter_map(move |(f, sigma)| {
             let Coordinate::Effect { slot, parameter } = f.at else { return None };
             let value = self.point.get(f.at);
-            let own_sigma = self.covariance[(i, i)].max(0.0).sqrt();
-            Some((slot, parameter, value, own_sigma * f.slope(value).abs()))
+            let half = sigmas * sigma;
+            let own = f.own(value);
+            Some((slot, parameter, value, [f.value(own - half), f.value(own + half)]))
         })
     }
 }
 
 impl Free {
-    fn own(&self, value: f64) -> f64 {
+    pub(crate) fn own(&self, value: f64) -> f64 {
         if self.logarithmic { value.max(1e-12).ln() } else { value }
     }
 
-    fn value(&self, own: f64) -> f64 {
+    pub(crate) fn value(&self, own: f64) -> f64 {
         let value = if self.logarithmic { own.exp() } else { own };
         value.clamp(self.range.0, self.range.1)
     }
@@ -90,10 +112,41 @@ impl Free {
     }
 }
 
-/// Uncertainty of the noise's logarithm before any flight: tracker, then process.
-const SIGHTING_SIGMA_LN: f64 = 0.1;
-const ACCELERATION_SIGMA_LN: f64 = 0.5;
-const MAX_ITERATIONS: usize = 12;
+/// Uncertainty of the noise's logarithm before any flight: tracker, then turbulence.
+pub(crate) const SIGHTING_SIGMA_LN: f64 = 0.05;
+/// Calm air is ordinary, strong wind is not.
+const CALM_SIGMA_LN: f64 = 1.0;
+const WINDY_SIGMA_LN: f64 = 0.4;
+/// Memories of turbulence that are tried, s.
+const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
+const TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
+
+/// How far the logarithm of a turbulence over the usual lies from it, in sigmas.
+fn turbulence_sigmas(ln_ratio: f64) -> f64 {
+    ln_ratio / if ln_ratio > 0.0 { WINDY_SIGMA_LN } else { CALM_SIGMA_LN }
+}
+const MAX_PASSES: usize = 14;
+/// A step that promises less, in nats, is not worth a pass.
+const WORTH: f64 = 0.05;
+/// No coordinate moves by more prior deviations at once.
+const LONGEST_STEP: f64 = 2.0;
+
+/// Numbers of the rig further off are taken for bent by an effect.
+const BENT_SIGMAS: f64 = 3.0;
+
+/// A straight line is followed so far at most.
+const STRAIGHT_SIGMAS: f64 = 1.0;
+
+/// What a start promises, by linear extrapolation from a fit without it.
+#[derive(Clone, Debug)]
+pub struct Promise {
+    /// The effect's library index.
+    pub effect: usize,
+    /// Gain of log-posterior, nats, the prior of the effect left out.
+    pub gain: f64,
+    /// Where to start.
+    pub start: Point,
+}
 
 impl<'a> Problem<'a> {
     /// The problem of a rig and flights.
@@ -101,91 +154,215 @@ impl<'a> Problem<'a> {
         let (nominal, sigma) = Point::nominal(rig);
         let rounding = rig.tracker.resolution_m / 12_f64.sqrt();
         let noise = Noise {
-            acceleration: 0.02,
+            acceleration: 0.004,
             trim_walk: 0.004,
             trim: 0.05,
+            turbulence: 0.022,
+            turbulence_time_s: 0.7,
             sighting_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),
+            jitter_s: 0.0,
+            outlier_probability: 0.0,
+            outlier_m: 0.0,
         };
         Self { tracks, rig, nominal, sigma, noise }
     }
 
-    /// The null hypothesis: the rig's numbers within their tolerances, no effect.
+    /// The null hypothesis: the rig's numbers within their tolerances, no effect. It also finds for how long the
+    /// turbulence of these flights remembers, which all other hypotheses take over.
     pub fn fit_null(&self) -> Fit {
-        self.refine(self.nominal.clone(), self.noise)
+        let fit = self.refine(self.nominal.clone(), self.noise);
+        let with = |turbulence_time_s: f64| Noise { turbulence_time_s, ..fit.noise };
+        let objective = |time_s: f64| {
+            self.objective(&fit.point, &with(time_s), &fit.free)
+                + 0.5 * ((time_s / self.noise.turbulence_time_s).ln() / TURBULENCE_TIME_SIGMA_LN).powi(2)
+        };
+        let best = TURBULENCE_TIMES_S
+            .par_iter()
+            .map(|time_s| (objective(*time_s), *time_s))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((_, time_s)) if time_s != fit.noise.turbulence_time_s => {
+                self.refine(fit.point.clone(), with(time_s))
+            }
+            _ => fit,
+        }
     }
 
-    /// Fits a hypothesis whose last effect is new to `base` (the fit without it), from several starts.
-    pub fn fit_with(&self, base: &Fit, effect: usize) -> Fit {
-        // The base's numbers may have been bent to do the new effect's work: also start from the rig's own.
-        let fits = [base.point.nuisances, self.nominal.nuisances].into_iter().filter_map(|nuisances| {
-            let (_, start) = starts(effect)
-                .into_iter()
-                .map(|values| {
-                    let mut point = Point { nuisances, ..base.point.clone() };
-                    point.effects.push((effect, values));
-                    (self.objective(&point, &base.noise), point)
-                })
-                .min_by(|a, b| a.0.total_cmp(&b.0))?;
-            Some(self.refine(start, base.noise))
+    /// Where to start fitting each of the effects on top of a fit, and what that promises, most first: a finite
+    /// difference of its law at several sizes and shapes, projected on what else can move. The fit's numbers may have
+    /// been bent to do the effect's work, too far for a straight line back: so also from the rig's own numbers.
+    pub fn promises(&self, base: &Fit, effects: &[usize], most: usize) -> Vec<Promise> {
+        let own_numbers = Point { nuisances: self.nominal.nuisances, ..base.point.clone() };
+        let ranked = |point: &Point, most: usize| {
+            let mut promises = self.promises_at(base, point, effects);
+            promises.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            promises.truncate(most);
+            promises
+        };
+        let mut promises = ranked(&base.point, most);
+        // Where the numbers are bent far, a straight line from the rig's own promises nothing to be compared.
+        let bent = base.free.iter().any(|f| match f.at {
+            Coordinate::Nuisance(i) => (base.point.nuisances[i] - f.mean).abs() > BENT_SIGMAS * f.sigma,
+            Coordinate::Effect { .. } => false,
         });
-        // An effect has parameters, so there is a start.
-        fits.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence)).unwrap_or_else(|| base.clone())
+        promises.extend(ranked(&own_numbers, if bent { most } else { most / 3 }));
+        promises
     }
 
-    /// Levenberg-Marquardt on the posterior, then the noise, until neither moves.
-    fn refine(&self, mut point: Point, mut noise: Noise) -> Fit {
-        let free = self.free(&point);
-        let mut damping = 1e-3;
-        let mut best = self.objective(&point, &noise);
-        let mut pass = run(self.tracks, self.rig, &point, &noise, &self.directions(&point));
-        for _ in 0..MAX_ITERATIONS {
-            let (hessian, gradient) = normal_equations(&point, &free, &pass);
-            let mut moved = false;
-            for _ in 0..6 {
-                let Some(step) = damped_step(&hessian, &gradient, damping) else { break };
-                let mut trial = point.clone();
-                for (f, dx) in free.iter().zip(step.iter()) {
-                    let own = f.own(point.get(f.at)) + dx.clamp(-3.0 * f.sigma, 3.0 * f.sigma);
-                    *trial.get_mut(f.at) = f.value(own);
-                }
-                let objective = self.objective(&trial, &noise);
-                if objective < best {
-                    moved = best - objective > 0.02;
-                    (point, best) = (trial, objective);
-                    damping = (damping * 0.2).max(1e-6);
-                    break;
-                }
-                damping *= 6.0;
-            }
-            let adjusted = self.fit_noise(&point, noise);
-            let objective = self.objective(&point, &adjusted);
-            if objective < best {
-                moved |= best - objective > 0.02;
-                (noise, best) = (adjusted, objective);
-            }
-            pass = run(self.tracks, self.rig, &point, &noise, &self.directions(&point));
-            if !moved {
-                break;
+    fn promises_at(&self, base: &Fit, point: &Point, effects: &[usize]) -> Vec<Promise> {
+        let free = &base.free;
+        let mut directions: Vec<_> =
+            free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect();
+        let fitted = directions.len();
+        let mut starts = Vec::new();
+        for effect in effects {
+            for values in start_values(*effect) {
+                directions.push(Direction::Added(*effect, values.clone()));
+                starts.push((*effect, values));
             }
         }
-        let (hessian, _) = normal_equations(&point, &free, &pass);
-        let log_evidence = log_evidence(best, &free, &hessian);
-        let covariance = hessian.try_inverse().unwrap_or_else(|| DMatrix::zeros(free.len(), free.len()));
-        let effects = point.effects.iter().map(|(index, _)| *index).collect();
-        Fit { effects, point, noise, free, covariance, log_evidence }
+        let noise = base.full_noise(self);
+        let pass = run(self.tracks, self.rig, point, &noise, &directions);
+        let objective = pass.nll + self.prior(point, &base.noise, free);
+        let mut own = pass.information.view((0, 0), (fitted, fitted)).into_owned();
+        let mut own_gradient = pass.gradient.rows(0, fitted).into_owned();
+        for (i, f) in free.iter().enumerate() {
+            let value = point.get(f.at);
+            let per_value = f.slope(value).recip();
+            own[(i, i)] += (per_value / f.sigma).powi(2);
+            own_gradient[i] -= (f.own(value) - f.mean) / (f.sigma * f.sigma) * per_value;
+        }
+        let Some(own) = own.cholesky() else { return Vec::new() };
+        let alone = own.solve(&own_gradient);
+        // What the numbers alone still gain from here.
+        let numbers_gain = 0.5 * own_gradient.dot(&alone);
+        let mut best: Vec<Promise> = Vec::new();
+        for (i, (effect, values)) in starts.into_iter().enumerate() {
+            let at = fitted + i;
+            let cross = pass.information.view((at, 0), (1, fitted)).transpose();
+            let moved = own.solve(&cross);
+            let information = pass.information[(at, at)] - cross.dot(&moved);
+            let gradient = pass.gradient[at] - moved.dot(&own_gradient);
+            if information.partial_cmp(&1e-9) != Some(std::cmp::Ordering::Greater) {
+                continue;
+            }
+            let (low, high) = amplitudes(effect);
+            let amplitude = (gradient / information).clamp(low, high);
+            let gain = amplitude * gradient - 0.5 * amplitude * amplitude * information
+                + numbers_gain
+                + base.objective
+                - objective;
+            let mut start = point.clone();
+            for ((f, shift), alone) in free.iter().zip(moved.iter()).zip(alone.iter()) {
+                let limit = STRAIGHT_SIGMAS * f.sigma / f.slope(point.get(f.at)).recip().abs();
+                let value = start.get(f.at) + (alone - amplitude * shift).clamp(-limit, limit);
+                *start.get_mut(f.at) = f.value(f.own(value));
+            }
+            let scaled = LIBRARY[effect].parameters.iter().zip(values).map(|(p, value)| match p.neutral {
+                Some(neutral) => (neutral + amplitude * (value - neutral)).clamp(p.min, p.max),
+                None => value,
+            });
+            start.effects.push((effect, scaled.collect()));
+            let promise = Promise { effect, gain, start };
+            match best.iter_mut().find(|other| other.effect == effect) {
+                Some(other) if other.gain < gain => *other = promise,
+                Some(_) => {}
+                None => best.push(promise),
+            }
+        }
+        best
+    }
+
+    /// Levenberg-Marquardt on the posterior, noise included, from a start.
+    pub fn refine(&self, start: Point, noise: Noise) -> Fit {
+        self.refine_within(start, noise, MAX_PASSES)
+    }
+
+    /// The same with so many passes at most.
+    pub fn refine_within(&self, start: Point, noise: Noise, passes: usize) -> Fit {
+        let free = self.free(&start);
+        let mut here = self.look(start, noise, &free);
+        let mut damping = 1e-3;
+        for _ in 1..passes {
+            let Some(step) = damped_step(&here.hessian, &here.gradient, damping) else { break };
+            let worth = 0.5 * here.gradient.dot(&step) + here.noise_step.2;
+            if worth < WORTH {
+                break;
+            }
+            let mut point = here.point.clone();
+            for (f, dx) in free.iter().zip(step.iter()) {
+                let limit = LONGEST_STEP * f.sigma;
+                let own = f.own(point.get(f.at)) + dx.clamp(-limit, limit);
+                *point.get_mut(f.at) = f.value(own);
+            }
+            let mut noise = here.noise;
+            noise.turbulence *= here.noise_step.0.exp();
+            noise.sighting_m *= here.noise_step.1.exp();
+            let there = self.look(point, noise, &free);
+            if there.objective < here.objective {
+                here = there;
+                damping = (damping * 0.2).max(1e-6);
+            } else {
+                damping = (damping * 8.0).max(0.01);
+                here.noise_step = (0.5 * here.noise_step.0, 0.5 * here.noise_step.1, 0.5 * here.noise_step.2);
+                if damping > 1e4 {
+                    break;
+                }
+            }
+        }
+        here.into_fit(free)
+    }
+
+    fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
+        let full = random::added(&point, &noise, self.rig);
+        let directions: Vec<_> =
+            free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect();
+        let pass = run(self.tracks, self.rig, &point, &full, &directions);
+        let (hessian, gradient) = normal_equations(&point, free, &pass);
+        let noise_step = self.noise_step(&noise, &pass);
+        let objective = pass.nll + self.prior(&point, &noise, free);
+        Look { point, noise, pass, hessian, gradient, noise_step, objective }
     }
 
     /// Negative log-posterior at a point, but for constants.
-    fn objective(&self, point: &Point, noise: &Noise) -> f64 {
-        let nll = run(self.tracks, self.rig, point, noise, &[]).nll;
-        let prior: f64 = self
-            .free(point)
-            .iter()
-            .map(|f| 0.5 * ((f.own(point.get(f.at)) - f.mean) / f.sigma).powi(2))
-            .sum();
+    pub(crate) fn objective(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
+        let full = random::added(point, noise, self.rig);
+        run(self.tracks, self.rig, point, &full, &[]).nll + self.prior(point, noise, free)
+    }
+
+    fn prior(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
+        let numbers: f64 =
+            free.iter().map(|f| 0.5 * ((f.own(point.get(f.at)) - f.mean) / f.sigma).powi(2)).sum();
         let sighting = (noise.sighting_m / self.noise.sighting_m).ln() / SIGHTING_SIGMA_LN;
-        let acceleration = (noise.acceleration / self.noise.acceleration).ln() / ACCELERATION_SIGMA_LN;
-        nll + prior + 0.5 * (sighting * sighting + acceleration * acceleration)
+        let turbulence = turbulence_sigmas((noise.turbulence / self.noise.turbulence).ln());
+        numbers + 0.5 * (sighting * sighting + turbulence * turbulence)
+    }
+
+    /// Newton steps of the logarithms of turbulence and tracker noise, and what they promise, from parabolas through the
+    /// probes.
+    fn noise_step(&self, noise: &Noise, pass: &Pass) -> (f64, f64, f64) {
+        let own = [
+            ((noise.turbulence / self.noise.turbulence).ln(), None, 0.8),
+            ((noise.sighting_m / self.noise.sighting_m).ln(), Some(SIGHTING_SIGMA_LN), 0.3),
+        ];
+        let mut steps = [0.0; 2];
+        let mut worth = 0.0;
+        for (i, (at, sigma, longest)) in own.into_iter().enumerate() {
+            let h = PROBES[2 * i + 1];
+            let sigmas =
+                |x: f64| sigma.map_or_else(|| turbulence_sigmas(at + x), |sigma: f64| (at + x) / sigma);
+            let prior = |x: f64| 0.5 * sigmas(x).powi(2);
+            let low = pass.noise_nll[2 * i] + prior(-h);
+            let high = pass.noise_nll[2 * i + 1] + prior(h);
+            let mid = pass.nll + prior(0.0);
+            let (slope, curvature) = ((high - low) / (2.0 * h), (low + high - 2.0 * mid) / (h * h));
+            let step = if curvature > 1e-9 { -slope / curvature } else { -slope.signum() * h };
+            steps[i] = step.clamp(-longest, longest);
+            worth += (-slope * steps[i] - 0.5 * curvature * steps[i] * steps[i]).max(0.0);
+        }
+        (steps[0], steps[1], worth)
     }
 
     /// The free coordinates of a point with steps for their derivatives.
@@ -193,41 +370,9 @@ impl<'a> Problem<'a> {
         self.free(point).iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect()
     }
 
-    /// A line search on the logarithm of each noise.
-    fn fit_noise(&self, point: &Point, start: Noise) -> Noise {
-        let mut noise = start;
-        for which in 0..2 {
-            let with = |ln_factor: f64| {
-                let mut moved = noise;
-                if which == 0 {
-                    moved.acceleration *= ln_factor.exp();
-                } else {
-                    moved.sighting_m *= ln_factor.exp();
-                }
-                moved
-            };
-            // A parabola through three points is exact enough for a parameter that is only marginalised.
-            let h = if which == 0 { 0.25 } else { 0.05 };
-            let value = |x: f64| self.objective(point, &with(x));
-            let (low, mid, high) = (value(-h), value(0.0), value(h));
-            let curvature = low + high - 2.0 * mid;
-            let step = if curvature > 1e-9 {
-                0.5 * h * (low - high) / curvature
-            } else if low < high {
-                -h
-            } else {
-                h
-            };
-            let step = step.clamp(-4.0 * h, 4.0 * h);
-            if value(step) < mid {
-                noise = with(step);
-            }
-        }
-        noise
-    }
-
-    /// The coordinates that are fitted: uncertain numbers of the rig, and all parameters of the point's effects.
-    fn free(&self, point: &Point) -> Vec<Free> {
+    /// The coordinates that are fitted: uncertain numbers of the rig, and all parameters of the point's effects whose
+    /// law moves the prediction.
+    pub(crate) fn free(&self, point: &Point) -> Vec<Free> {
         let mut free = Vec::new();
         for (i, sigma) in self.sigma.into_iter().enumerate() {
             if sigma > 0.0 {
@@ -243,39 +388,65 @@ impl<'a> Problem<'a> {
             }
         }
         for (slot, (effect, _)) in point.effects.iter().enumerate() {
-            for (parameter, p) in LIBRARY[*effect].parameters.iter().enumerate() {
-                let (logarithmic, mean, sigma) = match p.prior {
-                    Prior::Normal { mean, sigma } => (false, mean, sigma),
-                    Prior::LogNormal { median, sigma_ln } => (true, median.ln(), sigma_ln),
-                };
-                free.push(Free {
-                    at: Coordinate::Effect { slot, parameter },
-                    logarithmic,
-                    mean,
-                    sigma,
-                    range: (p.min, p.max),
-                });
+            if !random::is_random(*effect) {
+                free.extend(effect_coordinates(slot, *effect));
             }
         }
         free
     }
 }
 
+/// The coordinates of one effect.
+pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
+    LIBRARY[effect].parameters.iter().enumerate().map(move |(parameter, p)| {
+        let (logarithmic, mean, sigma) = match p.prior {
+            Prior::Normal { mean, sigma } => (false, mean, sigma),
+            Prior::LogNormal { median, sigma_ln } => (true, median.ln(), sigma_ln),
+        };
+        Free { at: Coordinate::Effect { slot, parameter }, logarithmic, mean, sigma, range: (p.min, p.max) }
+    })
+}
+
+/// A point of the posterior with its derivatives.
+struct Look {
+    point: Point,
+    noise: Noise,
+    pass: Pass,
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    noise_step: (f64, f64, f64),
+    objective: f64,
+}
+
+impl Look {
+    fn into_fit(self, free: Vec<Free>) -> Fit {
+        let log_evidence = log_evidence(self.objective, &free, &self.hessian);
+        let covariance =
+            self.hessian.clone().try_inverse().unwrap_or_else(|| DMatrix::zeros(free.len(), free.len()));
+        Fit {
+            point: self.point,
+            noise: self.noise,
+            free,
+            random: Vec::new(),
+            hessian: self.hessian,
+            covariance,
+            objective: self.objective,
+            log_evidence,
+            pass: self.pass,
+        }
+    }
+}
+
 /// Hessian and gradient of the log-posterior over the free coordinates, each in its own scale (Gauss-Newton).
 fn normal_equations(point: &Point, free: &[Free], pass: &Pass) -> (DMatrix<f64>, DVector<f64>) {
-    let n = free.len();
-    let mut hessian = DMatrix::zeros(n, n);
-    let mut gradient = DVector::zeros(n);
-    for (i, fi) in free.iter().enumerate() {
-        let slope = fi.slope(point.get(fi.at));
-        let precision = fi.sigma.powi(-2);
-        gradient[i] = pass.gradient[i] * slope - (fi.own(point.get(fi.at)) - fi.mean) * precision;
-        for (j, fj) in free.iter().enumerate().take(i + 1) {
-            let value = pass.information[(i, j)] * slope * fj.slope(point.get(fj.at));
-            hessian[(i, j)] = value;
-            hessian[(j, i)] = value;
-        }
+    let slopes = DVector::from_iterator(free.len(), free.iter().map(|f| f.slope(point.get(f.at))));
+    let mut hessian =
+        DMatrix::from_fn(free.len(), free.len(), |i, j| pass.information[(i, j)] * slopes[i] * slopes[j]);
+    let mut gradient = pass.gradient.component_mul(&slopes);
+    for (i, f) in free.iter().enumerate() {
+        let precision = f.sigma.powi(-2);
         hessian[(i, i)] += precision;
+        gradient[i] -= (f.own(point.get(f.at)) - f.mean) * precision;
     }
     (hessian, gradient)
 }
@@ -301,7 +472,11 @@ fn log_evidence(objective: f64, free: &[Free], hessian: &DMatrix<f64>) -> f64 {
     -objective - ln_prior_widths - half_ln_det
 }
 
-fn damped_step(hessian: &DMatrix<f64>, gradient: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
+pub(crate) fn damped_step(
+    hessian: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    damping: f64,
+) -> Option<DVector<f64>> {
     let mut damped = hessian.clone();
     for i in 0..damped.nrows() {
         damped[(i, i)] *= 1.0 + damping;
@@ -309,14 +484,27 @@ fn damped_step(hessian: &DMatrix<f64>, gradient: &DVector<f64>, damping: f64) ->
     Some(damped.cholesky()?.solve(gradient))
 }
 
-/// Values of an effect's parameters to start from: a grid over the prior.
-fn starts(effect: usize) -> Vec<Vec<f64>> {
+/// How far a start may be stretched when its effect is taken as linear in its sizes: to the other side where sizes have
+/// either sign.
+fn amplitudes(effect: usize) -> (f64, f64) {
+    let either_sign = LIBRARY[effect]
+        .parameters
+        .iter()
+        .filter(|p| p.neutral.is_some())
+        .all(|p| matches!(p.prior, Prior::Normal { .. }));
+    if either_sign { (-4.0, 4.0) } else { (0.2, 3.0) }
+}
+
+/// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
+/// their prior.
+pub(crate) fn start_values(effect: usize) -> Vec<Vec<f64>> {
     let mut grid: Vec<Vec<f64>> = vec![Vec::new()];
     for p in LIBRARY[effect].parameters {
-        let values: Vec<f64> = match p.prior {
-            Prior::Normal { mean, sigma } => [-1.0, -0.3, 0.3, 1.0].map(|k| mean + k * sigma).to_vec(),
-            Prior::LogNormal { median, sigma_ln } => {
-                [-1.5, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
+        let values: Vec<f64> = match (p.prior, p.neutral) {
+            (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
+            (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],
+            (Prior::LogNormal { median, sigma_ln }, _) => {
+                [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
             }
         };
         grid = grid
@@ -330,5 +518,9 @@ fn starts(effect: usize) -> Vec<Vec<f64>> {
             })
             .collect();
     }
+    // Not where the effect vanishes.
+    grid.retain(|values| {
+        LIBRARY[effect].parameters.iter().zip(values).any(|(p, value)| p.neutral.is_some_and(|n| n != *value))
+    });
     grid
 }

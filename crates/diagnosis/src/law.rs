@@ -8,8 +8,10 @@ use bench_plant::{
 use bench_rig::{GRAVITY_M_S2, Rig};
 use nalgebra::Vector3;
 
+use crate::random::is_random;
+
 /// The nominal model's uncertain numbers, in this order.
-pub const NUISANCES: [&str; 7] = [
+pub const NUISANCES: [&str; 8] = [
     "mass_kg",
     "thrust_gain",
     "thrust_offset",
@@ -17,16 +19,22 @@ pub const NUISANCES: [&str; 7] = [
     "ground_effect_height_m",
     "drag_n_s_per_m",
     "tracker_latency_s",
+    "tracker_bias_m",
 ];
 
 /// Index of the latency among the nuisances.
 pub const LATENCY: usize = 6;
+/// Index of the tracker's origin.
+pub const BIAS: usize = 7;
+
+/// One sigma of an ordinary tracker's origin, m, where its resolution says less.
+const LEAST_BIAS_M: f64 = 5e-4;
 
 /// A point of the parameter space: the nominal numbers, and effects of the library with their values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Values of [`NUISANCES`].
-    pub nuisances: [f64; 7],
+    pub nuisances: [f64; 8],
     /// Library index and values in the order of the spec.
     pub effects: Vec<(usize, Vec<f64>)>,
 }
@@ -47,7 +55,7 @@ pub enum Coordinate {
 
 impl Point {
     /// The rig's nominal numbers and one sigma of each.
-    pub fn nominal(rig: &Rig) -> (Self, [f64; 7]) {
+    pub fn nominal(rig: &Rig) -> (Self, [f64; 8]) {
         let a = &rig.airframe;
         let all = [
             a.mass_kg,
@@ -58,7 +66,11 @@ impl Point {
             a.drag_n_s_per_m,
             rig.tracker.latency_s,
         ];
-        (Self { nuisances: all.map(|x| x.value), effects: Vec::new() }, all.map(|x| x.sigma))
+        // No rig says so, and every tracker has it: the origin is not known to a fraction of the resolution.
+        let bias = (0.2 * rig.tracker.resolution_m).max(LEAST_BIAS_M);
+        let with = |[a, b, c, d, e, f, g]: [f64; 7], last: f64| [a, b, c, d, e, f, g, last];
+        let values = with(all.map(|x| x.value), 0.0);
+        (Self { nuisances: values, effects: Vec::new() }, with(all.map(|x| x.sigma), bias))
     }
 
     /// The value at a coordinate.
@@ -108,19 +120,27 @@ impl Law {
         airframe.drag_n_s_per_m.value = n[5];
         let nominal = Nominal::new(&airframe);
         let mut effects = Effects::default();
-        for (index, values) in &point.effects {
+        for (index, values) in point.effects.iter().filter(|(index, _)| !is_random(*index)) {
             effects.add(*index, values, rig, 0);
         }
         let mut mass_kg = nominal.mass_kg;
         for effect in &effects.air {
             effect.mass(&mut mass_kg);
         }
-        let mut law =
-            Self { nominal, effects, mass_kg, free_thrust_n: 0.0, latency_s: n[LATENCY], scale: (1.0, 0.0) };
+        let mut law = Self {
+            nominal,
+            effects,
+            mass_kg,
+            free_thrust_n: 0.0,
+            latency_s: n[LATENCY],
+            scale: (1.0, n[BIAS]),
+        };
         for (index, values) in &point.effects {
             match LIBRARY[*index].name {
                 "tracker-latency" => law.latency_s += values[0],
-                "tracker-scale" => law.scale = (1.0 + values[0], values[1]),
+                // A wait is never negative: its mean adds to the latency.
+                "tracker-jitter" => law.latency_s += values[0],
+                "tracker-scale" => law.scale = (1.0 + values[0], n[BIAS] + values[1]),
                 _ => {}
             }
         }

@@ -10,15 +10,17 @@
 //! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
 
 mod diagnose;
+mod direct;
 mod fit;
 mod law;
 mod pass;
-mod predict;
+mod random;
 mod region;
 mod track;
 
 pub use diagnose::{
     Candidate, Diagnosis, FlightUsed, Gap, KStep, Number, ParameterValue, Place, RegionTold, Verdict,
 };
+pub use direct::Finding;
 pub use fit::Problem;
 pub use track::{Input, Sighting, Track, TrackError};

@@ -2,6 +2,7 @@
 
 use bench_rig::Rig;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Law, Point},
@@ -17,15 +18,29 @@ pub struct Noise {
     pub trim_walk: f64,
     /// Prior of the trim acceleration of a flight, m/s^2.
     pub trim: f64,
+    /// One sigma of the turbulence's acceleration, an Ornstein-Uhlenbeck process, m/s^2.
+    pub turbulence: f64,
+    /// Its correlation time, s.
+    pub turbulence_time_s: f64,
     /// One sigma of a sighting, rounding included, m.
     pub sighting_m: f64,
+    /// One sigma of the exposures' times beyond what is known of them, s.
+    pub jitter_s: f64,
+    /// Share of sightings that show a wrong place.
+    pub outlier_probability: f64,
+    /// One sigma of wrong places about the right one, m.
+    pub outlier_m: f64,
 }
 
 /// Something whose small change the innovations feel.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Direction {
     /// A coordinate of the point, and the step by which its derivative is taken; the step's sign chooses the side.
     Coordinate(Coordinate, f64),
+    /// An effect that the point lacks, by library index, at full size: a finite difference from the point.
+    Added(usize, Vec<f64>),
+    /// An acceleration of 1 m/s^2 that swings at a frequency, Hz, with a phase, rad, from take-off on.
+    Wave(f64, f64),
     /// A free acceleration of 1 m/s^2 where a quantity is near a knot, falling linearly to its neighbours.
     Hat(Hat),
 }
@@ -53,6 +68,9 @@ impl Hat {
     }
 }
 
+/// How many quantities there are.
+pub const AXES: usize = 6;
+
 /// A quantity over which a free acceleration may vary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
@@ -72,7 +90,7 @@ pub enum Axis {
 
 impl Axis {
     /// All of them.
-    pub const ALL: [Self; 6] =
+    pub const ALL: [Self; AXES] =
         [Self::Altitude, Self::Speed, Self::ThrustToWeight, Self::ThrustChange, Self::Time, Self::Charge];
 }
 
@@ -97,8 +115,10 @@ pub struct Innovation {
     pub residual_m: f64,
     /// Predicted variance, m^2.
     pub variance_m2: f64,
+    /// Its share of the negative log-likelihood.
+    pub nll: f64,
     /// The quantities of [`Axis::ALL`], in its order.
-    pub axes: [f64; 6],
+    pub axes: [f64; AXES],
 }
 
 /// The outcome of a pass.
@@ -106,85 +126,208 @@ pub struct Innovation {
 pub struct Pass {
     /// Negative log-likelihood.
     pub nll: f64,
-    /// Every innovation that counts.
-    pub innovations: Vec<Innovation>,
+    /// The same with other noise: [`PROBES`]. Only where there are directions.
+    pub noise_nll: [f64; 4],
     /// Gradient of the log-likelihood.
     pub gradient: DVector<f64>,
     /// Fisher information.
     pub information: DMatrix<f64>,
+    /// The same of each track.
+    pub tracks: Vec<TrackPass>,
+}
+
+impl Pass {
+    /// Every innovation that counts.
+    pub fn innovations(&self) -> impl Iterator<Item = &Innovation> {
+        self.tracks.iter().flat_map(|track| &track.innovations)
+    }
+}
+
+/// One track's share of a pass.
+#[derive(Clone, Debug, Default)]
+pub struct TrackPass {
+    /// Negative log-likelihood.
+    pub nll: f64,
+    /// The same with other noise.
+    pub noise_nll: [f64; 4],
+    /// Gradient of the log-likelihood.
+    pub gradient: DVector<f64>,
+    /// Fisher information.
+    pub information: DMatrix<f64>,
+    /// Every innovation that counts.
+    pub innovations: Vec<Innovation>,
+    /// Squared errors of predictions over each of [`HORIZONS_S`] from the filtered state, m^2, with their number.
+    pub predictions: [(f64, u32); 3],
+}
+
+/// Horizons of prediction, s.
+pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
+/// Time between two starts of a prediction, s.
+const FORK_EVERY_S: f64 = 1.0;
+/// The filter gets so long to find the state before the first prediction, s.
+const SETTLE_S: f64 = 1.5;
+/// A sighting so much after a horizon still stands for it, s.
+const HORIZON_SLACK_S: f64 = 0.12;
+
+/// A prediction under way, linearised about the filter itself: it does not learn.
+#[derive(Clone, Copy, Debug)]
+struct Fork {
+    begin_s: f64,
+    /// Its state less the filter's.
+    aside: State,
+    /// Horizons that it has passed.
+    passed: usize,
+}
+
+/// Logarithms of the factors by which the probes' noise differs: process noise down and up, tracker noise down and up.
+pub const PROBES: [f64; 4] = [-0.25, 0.25, -0.05, 0.05];
+
+/// The filter with other noise, linearised about the filter itself: what the likelihood would be.
+#[derive(Clone, Copy, Debug)]
+struct Probe {
+    noise: Noise,
+    p: Covariance,
+    /// Its state less the filter's.
+    aside: State,
+}
+
+impl Probe {
+    fn around(noise: &Noise) -> [Self; 4] {
+        let mut probes = [Self { noise: *noise, p: initial_covariance(noise), aside: [0.0; 4] }; 4];
+        for (i, (probe, ln_factor)) in probes.iter_mut().zip(PROBES).enumerate() {
+            if i < 2 {
+                probe.noise.turbulence *= ln_factor.exp();
+            } else {
+                probe.noise.sighting_m *= ln_factor.exp();
+            }
+        }
+        probes
+    }
 }
 
 /// Differences over which the force's slopes are taken, m and m/s: small against the ground effect's 5 cm.
 const DZ: f64 = 1e-4;
 const DV: f64 = 1e-3;
+/// Altitude, vertical speed, trim acceleration, turbulence.
+type State = [f64; 4];
+type Covariance = [[f64; 4]; 4];
 /// Longest integration step, s.
-const STEP_S: f64 = 0.025;
+const STEP_S: f64 = 0.034;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
 const NEAR_GROUND_M: f64 = 0.07;
-/// Process noise there, as a factor of its density.
-const NEAR_GROUND_FACTOR: f64 = 3.0;
+/// Process noise there, m/s^2 per root Hz.
+const NEAR_GROUND_ACCELERATION: f64 = 0.024;
+/// Spread of altitude [m] and speed [m/s] when the airframe leaves the ground.
+const LIFT_OFF_M: f64 = 0.001;
+const LIFT_OFF_M_S: f64 = 0.04;
 /// Innovations beyond this many sigma count linearly.
 const HUBER: f64 = 4.0;
 
 struct Twin {
     source: Source,
-    sensitivity: [f64; 3],
+    sensitivity: State,
 }
 
 enum Source {
     /// The law a little aside, and the reciprocal of how far.
     Law(Box<Law>, f64),
     Hat(Hat),
+    /// Frequency, rad/s, and phase.
+    Wave(f64, f64),
 }
 
 struct Filter<'a> {
     noise: &'a Noise,
     law: Law,
     twins: Vec<Twin>,
-    x: [f64; 3],
-    p: [[f64; 3]; 3],
+    probes: Vec<Probe>,
+    forks: Vec<Fork>,
+    standing: bool,
+    next_fork_s: f64,
+    x: State,
+    p: Covariance,
     around: Surroundings,
     ratio_per_unit: f64,
     offset: f64,
+    row: Vec<f64>,
+    /// Lower triangle of the information, row by row.
+    lower: Vec<f64>,
+    pass: TrackPass,
 }
 
 /// Runs the filter over all tracks at a point.
 pub fn run(tracks: &[Track], rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> Pass {
+    let flown: Vec<TrackPass> =
+        tracks.par_iter().map(|track| fly_track(track, rig, point, noise, directions)).collect();
+    // In the tracks' order, so that sums do not depend on who finished first.
     let n = directions.len();
     let mut pass = Pass { gradient: DVector::zeros(n), information: DMatrix::zeros(n, n), ..Pass::default() };
-    let mut row = vec![0.0; n];
-    for track in tracks {
-        let twins = directions
-            .iter()
-            .map(|direction| {
-                let source = match *direction {
-                    Direction::Coordinate(at, step) => {
-                        let mut moved = point.clone();
-                        *moved.get_mut(at) += step;
-                        Source::Law(Box::new(Law::new(&moved, rig)), step.recip())
-                    }
-                    Direction::Hat(hat) => Source::Hat(hat),
-                };
-                Twin { source, sensitivity: [0.0; 3] }
-            })
-            .collect();
-        let mut filter = Filter {
-            noise,
-            law: Law::new(point, rig),
-            twins,
-            x: [0.0; 3],
-            around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
-            ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
-            offset: rig.airframe.thrust.offset.value,
-            p: [[1e-8, 0.0, 0.0], [0.0, 1e-8, 0.0], [0.0, 0.0, noise.trim * noise.trim]],
-        };
-        filter.fly(track, rig, &mut pass, &mut row);
+    for one in flown {
+        pass.nll += one.nll;
+        for (sum, x) in pass.noise_nll.iter_mut().zip(one.noise_nll) {
+            *sum += x;
+        }
+        pass.gradient += &one.gradient;
+        pass.information += &one.information;
+        pass.tracks.push(one);
     }
     pass
 }
 
+fn fly_track(track: &Track, rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> TrackPass {
+    let twins = directions
+        .iter()
+        .map(|direction| {
+            let source = match direction {
+                Direction::Coordinate(at, step) => {
+                    let mut moved = point.clone();
+                    *moved.get_mut(*at) += step;
+                    Source::Law(Box::new(Law::new(&moved, rig)), step.recip())
+                }
+                Direction::Added(effect, values) => {
+                    let mut moved = point.clone();
+                    moved.effects.push((*effect, values.clone()));
+                    Source::Law(Box::new(Law::new(&moved, rig)), 1.0)
+                }
+                Direction::Hat(hat) => Source::Hat(*hat),
+                Direction::Wave(hz, phase_rad) => Source::Wave(std::f64::consts::TAU * hz, *phase_rad),
+            };
+            Twin { source, sensitivity: [0.0; 4] }
+        })
+        .collect();
+    let probes = Probe::around(noise);
+    let n = directions.len();
+    let filter = Filter {
+        law: Law::new(point, rig),
+        twins,
+        x: [0.0; 4],
+        around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
+        ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
+        offset: rig.airframe.thrust.offset.value,
+        p: initial_covariance(noise),
+        // Without directions only the likelihood is asked for.
+        probes: if directions.is_empty() { Vec::new() } else { probes.to_vec() },
+        forks: Vec::new(),
+        standing: true,
+        next_fork_s: track.begin_s + SETTLE_S,
+        noise,
+        row: vec![0.0; n],
+        lower: vec![0.0; n * (n + 1) / 2],
+        pass: TrackPass { gradient: DVector::zeros(n), ..TrackPass::default() },
+    };
+    filter.fly(track, rig)
+}
+
+fn initial_covariance(noise: &Noise) -> Covariance {
+    let mut p = [[0.0; 4]; 4];
+    for (i, variance) in [1e-8, 1e-8, noise.trim.powi(2), noise.turbulence.powi(2)].into_iter().enumerate() {
+        p[i][i] = variance;
+    }
+    p
+}
+
 impl Filter<'_> {
-    fn fly(&mut self, track: &Track, rig: &Rig, pass: &mut Pass, row: &mut [f64]) {
+    fn fly(mut self, track: &Track, rig: &Rig) -> TrackPass {
         let mut now = track.begin_s;
         let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
         let late = self.law.latency_s - rig.tracker.latency_s.value;
@@ -206,18 +349,28 @@ impl Filter<'_> {
                     input += 1;
                 }
             }
-            let blind = sighting.exposed_s >= track.blind_from_s;
-            self.see(sighting, track.timing_s, blind, pass, row);
+            self.see(sighting, track.timing_s);
         }
+        let n = self.row.len();
+        let mut information = DMatrix::zeros(n, n);
+        for i in 0..n {
+            for j in 0..=i {
+                let value = self.lower[i * (i + 1) / 2 + j];
+                information[(i, j)] = value;
+                information[(j, i)] = value;
+            }
+        }
+        TrackPass { information, ..self.pass }
     }
 
     fn step(&mut self, h: f64, throttle: f64) {
-        let [z, v, b] = self.x;
+        let [z, v, b, w] = self.x;
+        let w_time = self.noise.turbulence_time_s;
         self.look_around(h, throttle);
         self.law.hold(h, throttle);
         self.law.advance(h, z, v);
         let a0 = self.law.acceleration_m_s2(z, v);
-        if z <= 0.0 && v <= 0.0 && a0 + b <= 0.0 {
+        if z <= 0.0 && v <= 0.0 && a0 + b + w <= 0.0 {
             // Standing: the effects' states still move on.
             for twin in &mut self.twins {
                 if let Source::Law(law, _) = &mut twin.source {
@@ -227,19 +380,40 @@ impl Filter<'_> {
                 twin.sensitivity[0] = 0.0;
                 twin.sensitivity[1] = 0.0;
             }
+            self.standing = true;
             return;
+        }
+        if self.standing {
+            // What legs and floor do as it leaves is not known.
+            self.standing = false;
+            for p in std::iter::once(&mut self.p).chain(self.probes.iter_mut().map(|probe| &mut probe.p)) {
+                p[0][0] += LIFT_OFF_M * LIFT_OFF_M;
+                p[1][1] += LIFT_OFF_M_S * LIFT_OFF_M_S;
+            }
         }
         let az = (self.law.acceleration_m_s2(z + DZ, v) - self.law.acceleration_m_s2(z - DZ, v)) / (2.0 * DZ);
         let av = (self.law.acceleration_m_s2(z, v + DV) - a0) / DV;
-        let a = a0 + b;
+        let a = a0 + b + w;
         let jerk = az * v + av * a;
         let mut z1 = z + h * (v + h * (a / 2.0 + h * jerk / 6.0));
         let mut v1 = v + h * (a + h * jerk / 2.0);
-        let f = [
-            [1.0 + az * h * h / 2.0, h * (1.0 + av * h / 2.0), h * h / 2.0],
-            [az * h, 1.0 + av * h + (az + av * av) * h * h / 2.0, h * (1.0 + av * h / 2.0)],
-        ];
-        self.spread(&f, h, z);
+        let kept = if w_time > 0.0 { (-h / w_time).exp() } else { 0.0 };
+        let push = h * h / 2.0;
+        let lift = h * (1.0 + av * h / 2.0);
+        let f = Transition {
+            z: [1.0 + az * push, lift, push],
+            v: [az * h, 1.0 + av * h + (az + av * av) * push, lift],
+            kept,
+        };
+        let near = z < NEAR_GROUND_M;
+        spread(&mut self.p, &f, h, near, self.noise);
+        for probe in &mut self.probes {
+            spread(&mut probe.p, &f, h, near, &probe.noise);
+            probe.aside = f.apply(probe.aside);
+        }
+        for fork in &mut self.forks {
+            fork.aside = f.apply(fork.aside);
+        }
         let axes = self.axes();
         for twin in &mut self.twins {
             let push = match &mut twin.source {
@@ -249,26 +423,31 @@ impl Filter<'_> {
                     (law.acceleration_m_s2(z, v) - a0) * *inverse_step
                 }
                 Source::Hat(hat) => hat.at(axes[hat.axis as usize]),
+                Source::Wave(rad_s, phase) => (*rad_s * self.around.elapsed_s + *phase).sin(),
             };
-            let [sz, sv, sb] = twin.sensitivity;
-            twin.sensitivity[0] = f[0][0] * sz + f[0][1] * sv + f[0][2] * sb + h * h / 2.0 * push;
-            twin.sensitivity[1] = f[1][0] * sz + f[1][1] * sv + f[1][2] * sb + h * push;
+            twin.sensitivity = f.apply(twin.sensitivity);
+            twin.sensitivity[0] += h * h / 2.0 * push;
+            twin.sensitivity[1] += h * push;
         }
         if z1 <= 0.0 {
             z1 = 0.0;
             if v1 < 0.0 {
                 v1 = 0.0;
-                self.p[0] = [1e-6, 0.0, 0.0];
-                self.p[1] = [0.0, 1e-3, 0.0];
-                self.p[2][0] = 0.0;
-                self.p[2][1] = 0.0;
+                ground(&mut self.p);
+                for probe in &mut self.probes {
+                    ground(&mut probe.p);
+                    probe.aside[0] = 0.0;
+                    probe.aside[1] = 0.0;
+                }
+                // Where the one has landed and the other not, they cannot be compared.
+                self.forks.clear();
                 for twin in &mut self.twins {
                     twin.sensitivity[0] = 0.0;
                     twin.sensitivity[1] = 0.0;
                 }
             }
         }
-        self.x = [z1, v1, b];
+        self.x = [z1, v1, b, w * kept];
     }
 
     fn look_around(&mut self, h: f64, throttle: f64) {
@@ -280,82 +459,82 @@ impl Filter<'_> {
     }
 
     /// The quantities of [`Axis::ALL`].
-    fn axes(&self) -> [f64; 6] {
+    fn axes(&self) -> [f64; AXES] {
         let around = &self.around;
         let change = around.ratio - around.lagged_ratio;
         [self.x[0], self.x[1], around.ratio, change, around.elapsed_s, around.charge_min]
     }
 
-    fn spread(&mut self, f: &[[f64; 3]; 2], h: f64, z: f64) {
-        let p = &self.p;
-        let mut fp = [[0.0; 3]; 2];
-        for (i, fi) in f.iter().enumerate() {
-            for j in 0..3 {
-                fp[i][j] = fi[0] * p[0][j] + fi[1] * p[1][j] + fi[2] * p[2][j];
-            }
-        }
-        let near = if z < NEAR_GROUND_M { NEAR_GROUND_FACTOR } else { 1.0 };
-        let q = (self.noise.acceleration * near).powi(2);
-        let p00 = fp[0][0] * f[0][0] + fp[0][1] * f[0][1] + fp[0][2] * f[0][2] + q * h * h * h / 3.0;
-        let p01 = fp[0][0] * f[1][0] + fp[0][1] * f[1][1] + fp[0][2] * f[1][2] + q * h * h / 2.0;
-        let p11 = fp[1][0] * f[1][0] + fp[1][1] * f[1][1] + fp[1][2] * f[1][2] + q * h;
-        let p22 = p[2][2] + self.noise.trim_walk.powi(2) * h;
-        self.p = [[p00, p01, fp[0][2]], [p01, p11, fp[1][2]], [fp[0][2], fp[1][2], p22]];
-    }
-
-    /// Holds a sighting against its prediction and, unless `blind`, learns from it.
-    fn see(&mut self, sighting: &Sighting, timing_s: f64, blind: bool, pass: &mut Pass, row: &mut [f64]) {
-        let [z, v, _] = self.x;
+    /// Holds a sighting against its prediction and learns from it.
+    fn see(&mut self, sighting: &Sighting, timing_s: f64) {
+        let [z, v, ..] = self.x;
         let (factor, offset) = self.law.scale;
         let predicted = factor * z + offset;
         let residual = sighting.z_m - predicted;
-        let timing = factor * v * timing_s;
-        let r = self.noise.sighting_m.powi(2) + timing * timing;
-        let s = factor * factor * self.p[0][0] + r;
-        for (twin, out) in self.twins.iter().zip(row.iter_mut()) {
-            let seen = match &twin.source {
+        let seen = Seen { factor, speed_m_s: v, timing_s };
+        for (twin, out) in self.twins.iter().zip(&mut self.row) {
+            let shift = match &twin.source {
                 Source::Law(law, inverse_step) => {
                     let later_s = law.latency_s - self.law.latency_s;
                     (law.scale.0 * z + law.scale.1 - predicted - later_s * v * factor) * inverse_step
                 }
-                Source::Hat(_) => 0.0,
+                Source::Hat(_) | Source::Wave(..) => 0.0,
             };
-            *out = factor * twin.sensitivity[0] + seen;
+            *out = factor * twin.sensitivity[0] + shift;
         }
-        let sigma = s.sqrt();
-        let weight = (HUBER * sigma / residual.abs()).min(1.0);
+        let (nll, s, weight) = seen.score(&self.p, self.noise, residual);
         if sighting.counts {
-            let u = residual.abs() / sigma;
-            let rho = if u <= HUBER { 0.5 * u * u } else { HUBER * u - 0.5 * HUBER * HUBER };
-            pass.nll += rho + sigma.ln();
-            for (i, slope) in row.iter().enumerate() {
+            self.pass.nll += nll;
+            let mut first = 0;
+            for (i, slope) in self.row.iter().enumerate() {
                 let weighted = weight * slope / s;
-                pass.gradient[i] += weighted * residual;
-                // The lower triangle is all that is read.
-                for (j, other) in row[..=i].iter().enumerate() {
-                    pass.information[(i, j)] += weighted * other;
+                self.pass.gradient[i] += weighted * residual;
+                for (sum, other) in self.lower[first..=first + i].iter_mut().zip(&self.row) {
+                    *sum += weighted * other;
                 }
+                first += i + 1;
             }
             let axes = self.axes();
-            pass.innovations.push(Innovation {
+            self.pass.innovations.push(Innovation {
                 exposed_s: sighting.exposed_s,
                 residual_m: residual,
                 variance_m2: s,
+                nll,
                 axes,
             });
         }
-        if blind {
-            return;
-        }
-        let k = [0, 1, 2].map(|i| self.p[i][0] * factor / s * weight);
-        let top = self.p[0];
-        for ((x, k), row) in self.x.iter_mut().zip(k).zip(&mut self.p) {
-            *x += k * residual;
-            for (p, top) in row.iter_mut().zip(top) {
-                *p -= k * factor * top;
+        for (probe, sum) in self.probes.iter_mut().zip(&mut self.pass.noise_nll) {
+            let own = residual - factor * probe.aside[0];
+            let (nll, s, weight) = seen.score(&probe.p, &probe.noise, own);
+            if sighting.counts {
+                *sum += nll;
+            }
+            let k = learn(&mut probe.p, factor, s, weight);
+            // Against the base, which moves by its own gain below.
+            for (x, k) in probe.aside.iter_mut().zip(k) {
+                *x += k * own;
             }
         }
-        for (twin, out) in self.twins.iter_mut().zip(row.iter()) {
+        self.predict(sighting, residual, factor);
+        let k = learn(&mut self.p, factor, s, weight);
+        for (x, k) in self.x.iter_mut().zip(k) {
+            *x += k * residual;
+        }
+        for probe in &mut self.probes {
+            for (x, k) in probe.aside.iter_mut().zip(k) {
+                *x -= k * residual;
+            }
+        }
+        for fork in &mut self.forks {
+            for (x, k) in fork.aside.iter_mut().zip(k) {
+                *x -= k * residual;
+            }
+        }
+        if sighting.counts && sighting.exposed_s >= self.next_fork_s {
+            self.forks.push(Fork { begin_s: sighting.exposed_s, aside: [0.0; 4], passed: 0 });
+            self.next_fork_s = sighting.exposed_s + FORK_EVERY_S;
+        }
+        for (twin, out) in self.twins.iter_mut().zip(&self.row) {
             for (sensitivity, k) in twin.sensitivity.iter_mut().zip(k) {
                 *sensitivity -= k * out;
             }
@@ -364,4 +543,111 @@ impl Filter<'_> {
             self.x[0] = 0.0;
         }
     }
+}
+
+impl Filter<'_> {
+    /// Holds a sighting against the predictions under way.
+    fn predict(&mut self, sighting: &Sighting, residual: f64, factor: f64) {
+        for fork in &mut self.forks {
+            let ahead_s = sighting.exposed_s - fork.begin_s;
+            while fork.passed < HORIZONS_S.len() && ahead_s >= HORIZONS_S[fork.passed] {
+                if sighting.counts && ahead_s < HORIZONS_S[fork.passed] + HORIZON_SLACK_S {
+                    let error = residual - factor * fork.aside[0];
+                    let (sum, n) = &mut self.pass.predictions[fork.passed];
+                    *sum += error * error;
+                    *n += 1;
+                }
+                fork.passed += 1;
+            }
+        }
+        self.forks.retain(|fork| fork.passed < HORIZONS_S.len());
+    }
+}
+
+/// How the state moves over a step, linearised: trim and turbulence push alike, and the turbulence forgets.
+struct Transition {
+    z: [f64; 3],
+    v: [f64; 3],
+    kept: f64,
+}
+
+impl Transition {
+    #[inline]
+    fn apply(&self, [z, v, b, w]: State) -> State {
+        let row = |f: &[f64; 3]| f[0] * z + f[1] * v + f[2] * (b + w);
+        [row(&self.z), row(&self.v), b, w * self.kept]
+    }
+}
+
+/// Moves a covariance over a step.
+#[inline]
+fn spread(p: &mut Covariance, f: &Transition, h: f64, near_ground: bool, noise: &Noise) {
+    let row =
+        |f: &[f64; 3]| [0, 1, 2, 3].map(|j| f[0] * p[0][j] + f[1] * p[1][j] + f[2] * (p[2][j] + p[3][j]));
+    let (fz, fv) = (row(&f.z), row(&f.v));
+    let q = if near_ground { noise.acceleration.hypot(NEAR_GROUND_ACCELERATION) } else { noise.acceleration }
+        .powi(2);
+    let dot = |a: &[f64; 4], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + (a[2] + a[3]) * b[2];
+    let p00 = dot(&fz, &f.z) + q * h * h * h / 3.0;
+    let p01 = dot(&fz, &f.v) + q * h * h / 2.0;
+    let p11 = dot(&fv, &f.v) + q * h;
+    let (p02, p12) = (fz[2], fv[2]);
+    let (p03, p13, p23) = (fz[3] * f.kept, fv[3] * f.kept, p[2][3] * f.kept);
+    let p22 = p[2][2] + noise.trim_walk.powi(2) * h;
+    let p33 = p[3][3] * f.kept * f.kept + noise.turbulence.powi(2) * (1.0 - f.kept * f.kept);
+    *p = [[p00, p01, p02, p03], [p01, p11, p12, p13], [p02, p12, p22, p23], [p03, p13, p23, p33]];
+}
+
+/// What touching the ground leaves of a covariance.
+fn ground(p: &mut Covariance) {
+    p[0] = [1e-6, 0.0, 0.0, 0.0];
+    p[1] = [0.0, 1e-3, 0.0, 0.0];
+    for row in &mut p[2..] {
+        row[0] = 0.0;
+        row[1] = 0.0;
+    }
+}
+
+/// A sighting beside its prediction.
+struct Seen {
+    factor: f64,
+    speed_m_s: f64,
+    timing_s: f64,
+}
+
+impl Seen {
+    /// Negative log-likelihood, variance of the innovation, and its weight (Huber's).
+    #[inline]
+    fn score(&self, p: &Covariance, noise: &Noise, residual: f64) -> (f64, f64, f64) {
+        let blur = self.factor * self.speed_m_s * self.timing_s.hypot(noise.jitter_s);
+        let s = self.factor * self.factor * p[0][0] + noise.sighting_m.powi(2) + blur * blur;
+        let u2 = residual * residual / s;
+        if noise.outlier_probability > 0.0 {
+            // A mixture: the sighting is of something else with some probability.
+            let wide = s + noise.outlier_m.powi(2);
+            let narrow = (1.0 - noise.outlier_probability) * (-0.5 * u2).exp() / s.sqrt();
+            let far = noise.outlier_probability * (-0.5 * residual * residual / wide).exp() / wide.sqrt();
+            let total = (narrow + far).max(1e-300);
+            return (-total.ln(), s, narrow / total);
+        }
+        if u2 <= HUBER * HUBER {
+            (0.5 * u2 + 0.5 * s.ln(), s, 1.0)
+        } else {
+            let u = u2.sqrt();
+            (HUBER * u - 0.5 * HUBER * HUBER + 0.5 * s.ln(), s, HUBER / u)
+        }
+    }
+}
+
+/// Takes a sighting into a covariance; the gain.
+#[inline]
+fn learn(p: &mut Covariance, factor: f64, s: f64, weight: f64) -> State {
+    let k = [0, 1, 2, 3].map(|i| p[i][0] * factor / s * weight);
+    let top = p[0];
+    for (row, k) in p.iter_mut().zip(k) {
+        for (p, top) in row.iter_mut().zip(top) {
+            *p -= k * factor * top;
+        }
+    }
+    k
 }

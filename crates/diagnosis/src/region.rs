@@ -4,7 +4,8 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
-use nalgebra::{DMatrix, DVector};
+use bench_plant::effects::LIBRARY;
+use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::{
     fit::{Fit, Problem, add_prior},
@@ -33,6 +34,33 @@ pub struct Regions {
     pub axes: Vec<Region>,
     /// Gain of log-evidence with all quantities free at once: what no known law may explain.
     pub ceiling: f64,
+    /// The part of it that lies along the fitted effects' own quantities: their laws may be of another form.
+    pub form: f64,
+    /// Accelerations that swing, each flight with its own size and phase: frequency, Hz, and gain of log-evidence.
+    pub waves: Vec<(f64, f64)>,
+}
+
+impl Regions {
+    /// The frequency with the highest gain, Hz, and that gain less what the choice among them is worth.
+    pub fn wave(&self) -> (f64, f64) {
+        let best = self.waves.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        (best.0, (best.1 - (self.waves.len().max(1) as f64).ln()).max(0.0))
+    }
+}
+
+/// Quantities along which another form of an effect's law would show.
+fn own_axes(effect: usize) -> &'static [Axis] {
+    match LIBRARY[effect].name {
+        "tracker-scale" | "ground-effect-shape" | "ground-effect-dynamic" | "ceiling-effect" | "updraft" => {
+            &[Axis::Altitude]
+        }
+        "actuator-lag" | "rotor-lag" => &[Axis::ThrustChange],
+        "thrust-curve" | "thrust-loss" => &[Axis::ThrustToWeight],
+        "battery-discharge" => &[Axis::Charge, Axis::Time],
+        "battery-load" => &[Axis::ThrustToWeight, Axis::ThrustChange],
+        "quadratic-drag" | "descent-thrust-loss" | "inflow-damping" => &[Axis::Speed],
+        _ => &[],
+    }
 }
 
 const KNOTS: usize = 6;
@@ -41,20 +69,21 @@ const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
 
 /// Looks for structure that a fit leaves.
 pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
-    let plain = run(problem.tracks, problem.rig, &fit.point, &fit.noise, &[]);
+    let plain = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &[]);
     let mut directions = problem.directions(&fit.point);
     let fitted = directions.len();
-    let mut knots_by_axis = Vec::new();
+    let (mut knots_by_axis, mut hat_axes) = (Vec::new(), Vec::new());
     for (index, axis) in Axis::ALL.into_iter().enumerate() {
-        let knots = knots(plain.innovations.iter().map(|innovation| innovation.axes[index]).collect());
+        let knots = knots(plain.innovations().map(|innovation| innovation.axes[index]).collect());
         for k in 0..knots.len() {
             let at = |i: usize| knots[i];
             let neighbours = [at(k.saturating_sub(1)), at(k), at((k + 1).min(knots.len() - 1))];
             directions.push(Direction::Hat(Hat { axis, knots: neighbours }));
+            hat_axes.push(axis);
         }
         knots_by_axis.push(knots);
     }
-    let pass = run(problem.tracks, problem.rig, &fit.point, &fit.noise, &directions);
+    let pass = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &directions);
     let (information, gradient) = project(fit, &pass.information, &pass.gradient, fitted);
 
     let mut axes = Vec::new();
@@ -69,7 +98,48 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         first += n;
     }
     let (ceiling, _) = best_gain(&information, &gradient);
-    Regions { axes, ceiling }
+    let own: Vec<usize> = hat_axes
+        .iter()
+        .enumerate()
+        .filter(|(_, axis)| fit.effects().iter().any(|effect| own_axes(*effect).contains(axis)))
+        .map(|(i, _)| i)
+        .collect();
+    let f = DMatrix::from_fn(own.len(), own.len(), |i, j| information[(own[i], own[j])]);
+    let g = DVector::from_fn(own.len(), |i, _| gradient[own[i]]);
+    let form = if own.is_empty() { 0.0 } else { best_gain(&f, &g).0 };
+    Regions { axes, ceiling, form, waves: waves(problem, fit) }
+}
+
+/// Lowest and highest frequency of waves, Hz, and how many are tried, evenly in the logarithm.
+const WAVES_HZ: (f64, f64, usize) = (0.15, 4.0, 24);
+
+fn waves(problem: &Problem<'_>, fit: &Fit) -> Vec<(f64, f64)> {
+    let (low, high, n) = WAVES_HZ;
+    let hz = |i: usize| low * (high / low).powf(i as f64 / (n - 1) as f64);
+    let directions: Vec<_> = (0..n)
+        .flat_map(|i| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| Direction::Wave(hz(i), phase)))
+        .collect();
+    let noise = fit.full_noise(problem);
+    let pass = run(problem.tracks, problem.rig, &fit.point, &noise, &directions);
+    (0..n)
+        .map(|i| {
+            let gain = WIDTHS
+                .into_iter()
+                .map(|s| {
+                    let each = pass.tracks.iter().map(|track| {
+                        let f = track.information.fixed_view::<2, 2>(2 * i, 2 * i)
+                            + Matrix2::identity() * s.powi(-2);
+                        let g = track.gradient.fixed_rows::<2>(2 * i);
+                        f.cholesky().map_or(0.0, |f| {
+                            0.5 * g.dot(&f.solve(&g)) - 0.5 * f.determinant().ln() - 2.0 * s.ln()
+                        })
+                    });
+                    each.sum::<f64>()
+                })
+                .fold(0.0, f64::max);
+            (hz(i), gain)
+        })
+        .collect()
 }
 
 /// Quantiles of what was flown, those that coincide left out.

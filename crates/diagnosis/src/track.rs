@@ -5,6 +5,8 @@ use bench_recording::Flight;
 use bench_rig::Rig;
 use thiserror::Error;
 
+use crate::direct::readback_sigma;
+
 /// The sticks' throttle from an instant on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Input {
@@ -41,8 +43,29 @@ pub struct Track {
     pub end_s: f64,
     /// One sigma of the exposures' times, s.
     pub timing_s: f64,
-    /// From this exposure on, s, the filter predicts and does not learn; infinite to learn from all.
-    pub blind_from_s: f64,
+    /// Throttle as asked for and as read back, an iteration each; empty without readback.
+    pub pins: Vec<Pin>,
+    /// By how much iterations started late, s.
+    pub lateness_s: Vec<f64>,
+    /// How many frames came, as far as frames have a clock.
+    pub frames_told: usize,
+    /// Lengths of gaps between them, frames.
+    pub bursts: Vec<usize>,
+    /// How much later than a regular clock frames arrived, s.
+    pub waits_s: Vec<f64>,
+}
+
+/// One iteration's throttle, in units of the actuation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pin {
+    /// When it was written, s.
+    pub time_s: f64,
+    /// As the controller asked.
+    pub asked: f64,
+    /// As the rig's output rounds it.
+    pub commanded: f64,
+    /// As read back.
+    pub readback: f64,
 }
 
 /// Why a flight cannot be diagnosed.
@@ -99,24 +122,20 @@ impl Track {
     /// The predictable part of a recorded flight.
     pub fn from_flight(name: &str, flight: &Flight, rig: &Rig) -> Result<Self, TrackError> {
         let flight_name = || name.to_owned();
-        let inputs: Vec<_> = flight
-            .commands
-            .iter()
-            .filter(|command| command.sticks.throttle.is_finite())
-            .map(|command| Input {
-                time_s: command.time.seconds(),
-                throttle: rig.output.on_the_pin(&rig.airframe.sticks, command.sticks.throttle),
-            })
-            .collect();
+        let pins = pins(flight, rig);
+        let inputs = inputs(flight, rig, &pins);
         if inputs.is_empty() {
             return Err(TrackError::NoCommands { flight: flight_name() });
         }
+        let held = holds_newest_frame(flight);
+        let clock = if held { None } else { FrameClock::of(flight, rig) };
         let mut sightings: Vec<_> = flight
             .positions
             .iter()
-            .filter(|position| position.status != TrackStatus::Lost && position.position_m[2].is_finite())
-            .map(|position| Sighting {
-                exposed_s: position.exposed_at.seconds(),
+            .enumerate()
+            .filter(|(_, position)| usable(position))
+            .map(|(i, position)| Sighting {
+                exposed_s: clock.as_ref().map_or(position.exposed_at.seconds(), |clock| clock.exposed_s[i]),
                 z_m: position.position_m[2],
                 counts: true,
             })
@@ -132,8 +151,9 @@ impl Track {
             return Err(TrackError::NeverFlew { flight: flight_name(), offset, unit });
         };
         let end_s = inputs.get(last + 1).map_or_else(|| end_of(flight), |next| next.time_s);
-        let timing_s =
-            if holds_newest_frame(flight) { rig.tracker.frame_period_s / 12_f64.sqrt() } else { 0.0 };
+        let timing_s = if held { rig.tracker.frame_period_s / 12_f64.sqrt() } else { 0.0 };
+        let (waits_s, bursts, frames_told) =
+            clock.map_or_else(Default::default, |clock| (clock.waits_s, clock.bursts, clock.told));
         // Chosen once, by the tracker's own times, so that every hypothesis is held against the same sightings.
         let begin_s = inputs[first].time_s;
         sightings.retain(|s| (begin_s - BEFORE_S..=end_s).contains(&s.exposed_s));
@@ -145,7 +165,11 @@ impl Track {
             inputs,
             sightings,
             timing_s,
-            blind_from_s: f64::INFINITY,
+            pins,
+            lateness_s: lateness_s(flight),
+            frames_told,
+            bursts,
+            waits_s,
         };
         let seen = track.sightings.iter().filter(|s| s.counts).count();
         if seen < LEAST_SIGHTINGS {
@@ -158,6 +182,182 @@ impl Track {
         Ok(track)
     }
 }
+
+fn usable(position: &PositionSample) -> bool {
+    position.status != TrackStatus::Lost && position.position_m[2].is_finite()
+}
+
+/// Commands with the readback that follows each.
+fn pins(flight: &Flight, rig: &Rig) -> Vec<Pin> {
+    let mut readbacks = flight.readbacks.iter().peekable();
+    let mut pins = Vec::with_capacity(flight.commands.len());
+    for (i, command) in flight.commands.iter().enumerate() {
+        let until = flight.commands.get(i + 1).map_or(Time::from_nanos(u64::MAX), |next| next.time);
+        while readbacks.next_if(|readback| readback.time < command.time).is_some() {}
+        let Some(found) = readbacks.next_if(|readback| readback.time < until) else { continue };
+        let (asked, readback) = (command.sticks.throttle, found.readback.sticks.throttle);
+        if asked.is_finite() && readback.is_finite() {
+            // A command between two steps may have gone either way: recordings round it.
+            let near = |value: f64| rig.output.on_the_pin(&rig.airframe.sticks, value);
+            let slack = TIE * (rig.airframe.sticks.max - rig.airframe.sticks.min);
+            let commanded = [near(asked), near(asked - slack), near(asked + slack)]
+                .into_iter()
+                .min_by(|a, b| (a - readback).abs().total_cmp(&(b - readback).abs()))
+                .unwrap_or(asked);
+            pins.push(Pin { time_s: command.time.seconds(), asked, commanded, readback });
+        }
+    }
+    pins
+}
+
+/// Commands so close to the middle between two steps of the output may be rounded either way, as a fraction of the range.
+const TIE: f64 = 5e-5;
+
+/// Beyond so many sigma of its noise a readback is believed over the command.
+const BELIEVED_SIGMAS: f64 = 4.0;
+
+/// What the pins held: the rounded command, or the readback where it plainly says otherwise.
+fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
+    let sigma = readback_sigma(pins, rig);
+    let mut pins = pins.iter().peekable();
+    flight
+        .commands
+        .iter()
+        .filter(|command| command.sticks.throttle.is_finite())
+        .map(|command| {
+            let time_s = command.time.seconds();
+            let commanded = rig.output.on_the_pin(&rig.airframe.sticks, command.sticks.throttle);
+            let throttle = pins.next_if(|pin| pin.time_s == time_s).map_or(commanded, |pin| {
+                let plainly_off = (pin.readback - pin.commanded).abs() > BELIEVED_SIGMAS * sigma;
+                if plainly_off { pin.readback } else { pin.commanded }
+            });
+            Input { time_s, throttle }
+        })
+        .collect()
+}
+
+/// How late iterations started; against the usual interval where no schedule was kept.
+fn lateness_s(flight: &Flight) -> Vec<f64> {
+    flight.ticks.iter().skip(1).map(|tick| tick.started.since_s(tick.scheduled)).collect()
+}
+
+/// A tracker's frames against a regular clock.
+struct FrameClock {
+    /// When each position was exposed, s: the clock, where one was found.
+    exposed_s: Vec<f64>,
+    waits_s: Vec<f64>,
+    bursts: Vec<usize>,
+    told: usize,
+}
+
+/// Fewest positions that show a clock.
+const LEAST_FRAMES: usize = 30;
+
+impl FrameClock {
+    /// Finds the clock in a flight's arrivals: intervals near whole multiples of the frame period. `None` where frames
+    /// keep none.
+    fn of(flight: &Flight, rig: &Rig) -> Option<Self> {
+        let period_s = rig.tracker.frame_period_s;
+        let arrived: Vec<f64> = flight.positions.iter().map(|p| p.arrived_at.seconds()).collect();
+        if arrived.len() < LEAST_FRAMES || period_s <= 0.0 {
+            return None;
+        }
+        let latency_s = rig.tracker.latency_s.value;
+        let numbers = frame_numbers(&arrived, period_s);
+        // A line through arrival over number; the mean wait is part of it.
+        let n = arrived.len() as f64;
+        let mean_number = numbers.iter().sum::<i64>() as f64 / n;
+        let mean_arrival = arrived.iter().sum::<f64>() / n;
+        let (mut sxy, mut sxx) = (0.0, 0.0);
+        for (number, arrival) in numbers.iter().zip(&arrived) {
+            let dx = *number as f64 - mean_number;
+            sxy += dx * (arrival - mean_arrival);
+            sxx += dx * dx;
+        }
+        let slope = sxy / sxx;
+        if !(slope - period_s).abs().lt(&(0.02 * period_s)) {
+            return None;
+        }
+        let mut waits_s: Vec<f64> = numbers
+            .iter()
+            .zip(&arrived)
+            .map(|(number, arrival)| arrival - mean_arrival - slope * (*number as f64 - mean_number))
+            .collect();
+        // A wait is never negative: the earliest arrivals are those that did not wait. One in ten is earlier by the
+        // bus' own spread.
+        let mut sorted = waits_s.clone();
+        sorted.sort_by(f64::total_cmp);
+        let spread = sorted[sorted.len() / 2] - sorted[sorted.len() / 10];
+        let earliest = sorted[sorted.len() / 10] + spread.min(USUAL_SPREAD_S);
+        for wait in &mut waits_s {
+            *wait -= earliest;
+        }
+        let exposed_s = waits_s
+            .iter()
+            .zip(&flight.positions)
+            .zip(&arrived)
+            .map(|((wait, position), arrival)| {
+                // Only where the tracker's belief is the arrival less a constant.
+                let believed = position.exposed_at.seconds();
+                if (arrival - believed - latency_s).abs() < 1e-3 {
+                    arrival - latency_s - wait
+                } else {
+                    believed
+                }
+            })
+            .collect();
+        let mut bursts = Vec::new();
+        let mut run = 0_usize;
+        let mut last = numbers[0] - 1;
+        let mut told = 0;
+        for (number, position) in numbers.iter().zip(&flight.positions) {
+            run += usize::try_from(number - last - 1).unwrap_or(0);
+            last = *number;
+            if usable(position) {
+                told += 1;
+                if run > 0 {
+                    bursts.push(run);
+                }
+                run = 0;
+            } else {
+                run += 1;
+            }
+        }
+        Some(Self { exposed_s, waits_s, bursts, told })
+    }
+}
+
+/// Numbers of frames from their arrivals. A frame that waited is followed by others that come early; one that was lost
+/// is not: so the numbers skip only what no later arrival makes up for.
+fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
+    // The true period, from spans long enough for jitter not to matter; few of them hold a loss.
+    let span = SPAN_FRAMES.min(arrived.len() - 1);
+    let mut periods: Vec<f64> = arrived
+        .iter()
+        .zip(&arrived[span..])
+        .map(|(first, last)| (last - first) / span as f64)
+        .filter(|period| (period - period_s).abs() < 0.02 * period_s)
+        .collect();
+    periods.sort_by(f64::total_cmp);
+    let period_s = periods.get(periods.len() / 2).copied().unwrap_or(period_s);
+    let excess = |i: usize| (arrived[i] - arrived[0]) / period_s - i as f64;
+    let mut least = f64::INFINITY;
+    let mut numbers: Vec<i64> = (0..arrived.len())
+        .rev()
+        .map(|i| {
+            least = least.min(excess(i));
+            i as i64 + (least + 0.25).floor() as i64
+        })
+        .collect();
+    numbers.reverse();
+    numbers
+}
+
+/// Frames over which a period is measured.
+const SPAN_FRAMES: usize = 40;
+
+/// Spread of arrivals that a bus has anyway, from one in ten to the median, s.
+const USUAL_SPREAD_S: f64 = 0.0015;
 
 /// Whether positions come with the commands, at the same instants: then the log holds the newest frame at hand, which
 /// had waited for anything up to a frame period.

@@ -78,7 +78,10 @@ fn flights_that_tell_nothing_are_refused_in_words() {
     };
     assert!(matches!(without(|f| f.commands.clear()), TrackError::NoCommands { .. }));
     assert!(matches!(without(|f| f.positions.clear()), TrackError::NoPositions { .. }));
-    let never = |f: &mut Flight| f.commands.iter_mut().for_each(|command| command.sticks.throttle = 0.1);
+    let never = |f: &mut Flight| {
+        f.commands.iter_mut().for_each(|command| command.sticks.throttle = 0.1);
+        f.readbacks.iter_mut().for_each(|readback| readback.readback.sticks.throttle = 0.1);
+    };
     assert!(matches!(without(never), TrackError::NeverFlew { .. }));
     assert!(matches!(without(|f| f.positions.truncate(30)), TrackError::TooShort { .. }));
     let nan = |f: &mut Flight| f.positions.iter_mut().for_each(|p| p.position_m[2] = f64::NAN);

@@ -1,0 +1,472 @@
+//! What can be read without a model of flight: readbacks against commands, the loop's lateness, frames that are late or
+//! lost.
+//!
+//! Each channel has its own likelihood, in which effects of its stage compete with ordinary behaviour. A channel's
+//! evidence adds to the evidence of the filter, which is fed with what the pins held and when.
+
+use bench_plant::effects::LIBRARY;
+use bench_rig::Rig;
+use serde::Serialize;
+
+use crate::track::{Pin, Track};
+
+/// What the direct channels say.
+#[derive(Clone, Debug, Default)]
+pub struct Direct {
+    /// Effects with a gain of log-likelihood over ordinary behaviour.
+    pub effects: Vec<DirectEffect>,
+    /// Log-likelihood that the pins' own stage leaves on the table: no law of the library explains the readback.
+    pub unexplained_pins: f64,
+    /// What was seen, for people.
+    pub findings: Vec<Finding>,
+}
+
+/// An effect that a direct channel speaks for.
+#[derive(Clone, Debug)]
+pub struct DirectEffect {
+    /// Library index.
+    pub effect: usize,
+    /// Where it was read. Effects of one channel explain the same.
+    pub channel: &'static str,
+    /// Gain of log-evidence over ordinary behaviour, nats.
+    pub gain: f64,
+    /// Its parameters in the order of the library.
+    pub values: Vec<f64>,
+    /// One sigma of each, as a fraction of the value.
+    pub relative_sigma: f64,
+}
+
+/// A sentence of evidence.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// Channel: `readback`, `ticks`, `frames` or `arrivals`.
+    pub channel: &'static str,
+    /// What was found.
+    pub text: String,
+}
+
+fn library(name: &str) -> usize {
+    LIBRARY.iter().position(|spec| spec.name == name).unwrap_or_default()
+}
+
+/// Reads the direct channels of all flights.
+pub fn direct(tracks: &[Track], rig: &Rig) -> Direct {
+    let mut out = Direct::default();
+    pins(tracks, rig, &mut out);
+    ticks(tracks, &mut out);
+    frames(tracks, rig, &mut out);
+    arrivals(tracks, &mut out);
+    out
+}
+
+/// Squared residuals of a readback count at most so many sigma squared: a hypothesis wins by many samples, not by one.
+const CAP: f64 = 30.0;
+/// Nats that a law with a free number must gain.
+const LAW_COST: f64 = 8.0;
+/// Share of its gain that a law of another form may leave unexplained.
+const FORM_SHARE: f64 = 0.3;
+/// Fewest neighbours under the same command that show the readback's noise.
+const LEAST_NEIGHBOURS: usize = 10;
+/// Median of a normal's magnitude over its deviation.
+const MEDIAN_OF_NORMAL: f64 = 0.6745;
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// One sigma of the readback's noise: from what differs from the command where that is all noise, else from neighbours
+/// under the same command, else the rig's figure.
+pub(crate) fn readback_sigma(pins: &[Pin], rig: &Rig) -> f64 {
+    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
+    let least = 1e-5 * range;
+    let neighbours: Vec<f64> = pins
+        .windows(2)
+        .filter(|pair| pair[0].commanded == pair[1].commanded)
+        .map(|pair| (pair[1].readback - pair[0].readback).abs() / std::f64::consts::SQRT_2)
+        .collect();
+    let told = (rig.output.readback_noise_fraction * range).max(1e-4 * range);
+    let enough = neighbours.len() >= LEAST_NEIGHBOURS;
+    let still = if enough { median(neighbours).map_or(told, |m| m / MEDIAN_OF_NORMAL) } else { told };
+    let off = pins.iter().map(|pin| (pin.readback - pin.commanded).abs()).collect();
+    let all = median(off).map_or(told, |m| m / MEDIAN_OF_NORMAL);
+    // Most readbacks are as commanded: they are more than the neighbours, so the better estimate.
+    (if all < 1.5 * still { all } else { still }).max(least)
+}
+
+/// A law of the pins: what each holds, iteration by iteration of a flight.
+struct PinLaw {
+    effect: usize,
+    /// Half the squared residuals, capped, in sigmas.
+    excess: f64,
+    values: Vec<f64>,
+}
+
+struct PinChannel<'a> {
+    rig: &'a Rig,
+    flights: Vec<&'a [Pin]>,
+    sigma: f64,
+    /// One step of the output.
+    step: f64,
+}
+
+impl PinChannel<'_> {
+    /// Excess of one flight under a law that says what a pin is told to hold, before rounding.
+    fn flight(&self, pins: &[Pin], law: &mut dyn FnMut(&Pin, bool) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for (i, pin) in pins.iter().enumerate() {
+            let told = law(pin, i == 0);
+            // Where a law bends the command, the step it then rounds to hangs on its numbers' last digits.
+            let (at, sigma) = if told == pin.asked {
+                (pin.commanded, self.sigma)
+            } else {
+                (told, self.sigma.hypot(self.step / 12_f64.sqrt()))
+            };
+            let e = (pin.readback - at) / sigma;
+            sum += (0.5 * e * e).min(CAP) + (sigma / self.sigma).ln();
+        }
+        sum
+    }
+
+    fn all(&self, mut law: impl FnMut(&Pin, bool) -> f64) -> f64 {
+        self.flights.iter().map(|pins| self.flight(pins, &mut law)).sum()
+    }
+
+    /// A level that the pin does not pass, softly or hard, its own in each flight as supplies fade.
+    fn saturation(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let range = sticks.max - sticks.min;
+        let a = &self.rig.airframe;
+        let ratio =
+            |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
+        let mut best: Option<PinLaw> = None;
+        for softness in [0.0, 0.002, 0.005, 0.012] {
+            let softness = softness * range;
+            let (mut excess, mut levels) = (0.0, Vec::new());
+            for pins in &self.flights {
+                let highest = pins.iter().map(|pin| pin.asked).fold(f64::MIN, f64::max);
+                let candidates = (0..60).map(|i| highest - (highest - sticks.min) * 0.01 * f64::from(i));
+                let found = candidates
+                    .map(|level| {
+                        let law = |pin: &Pin| {
+                            let over = pin.asked - level;
+                            if softness == 0.0 {
+                                pin.asked.min(level)
+                            } else if over < -8.0 * softness {
+                                pin.asked
+                            } else {
+                                pin.asked
+                                    - softness
+                                        * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
+                            }
+                        };
+                        (self.flight(pins, &mut |pin, _| law(pin)), level)
+                    })
+                    .min_by(|a, b| a.0.total_cmp(&b.0));
+                if let Some((value, level)) = found {
+                    excess += value;
+                    if level < highest {
+                        levels.push(level);
+                    }
+                }
+            }
+            let told = median(levels).map_or(20.0, ratio);
+            if best.as_ref().is_none_or(|other| excess < other.excess) {
+                best = Some(PinLaw { effect: library("actuator-saturation"), excess, values: vec![told] });
+            }
+        }
+        best
+    }
+
+    /// Coarse steps from rest, rounded or cut.
+    fn quantisation(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let range = sticks.max - sticks.min;
+        let least = (1.2 * self.step / range).max(0.001);
+        (0..160)
+            .map(|i| least * (0.12_f64 / least).powf(f64::from(i) / 159.0) * range)
+            .flat_map(|step| [0.5, 0.0].map(|shift| (step, shift)))
+            .map(|(step, shift)| {
+                let law = |x: f64| sticks.min + step * ((x - sticks.min) / step + shift).floor();
+                (self.all(|pin, _| law(pin.asked)), step)
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(excess, step)| PinLaw {
+                effect: library("actuator-quantisation"),
+                excess,
+                values: vec![step / range],
+            })
+    }
+
+    /// Steps of any length: readbacks keep to a few levels where commands do not.
+    fn levels(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let range = sticks.max - sticks.min;
+        let moved: Vec<&Pin> =
+            self.flights.iter().flat_map(|pins| pins.iter()).filter(|pin| pin.asked > sticks.min).collect();
+        let mut seen: Vec<f64> = moved.iter().map(|pin| pin.readback).collect();
+        seen.sort_by(f64::total_cmp);
+        let mut runs: Vec<(f64, usize, f64)> = Vec::new();
+        for x in seen {
+            match runs.last_mut() {
+                Some((sum, n, last)) if x - *last < 1.5 * self.sigma => {
+                    *sum += x;
+                    *n += 1;
+                    *last = x;
+                }
+                _ => runs.push((x, 1, x)),
+            }
+        }
+        let levels: Vec<f64> = runs.into_iter().map(|(sum, n, _)| sum / n as f64).collect();
+        let mut commands: Vec<f64> = moved.iter().map(|pin| pin.commanded).collect();
+        commands.sort_by(f64::total_cmp);
+        commands.dedup();
+        if levels.len() < 3 || 3 * levels.len() > 2 * commands.len() {
+            return None;
+        }
+        let step = (levels.last()? - levels.first()?) / (levels.len() - 1) as f64;
+        let excess = self.all(|pin, _| {
+            if pin.asked <= sticks.min {
+                return pin.asked;
+            }
+            // Near what was asked for, or any level would do.
+            levels
+                .iter()
+                .copied()
+                .filter(|level| (level - pin.asked).abs() < 2.2 * step)
+                .min_by(|a, b| (a - pin.readback).abs().total_cmp(&(b - pin.readback).abs()))
+                .unwrap_or(pin.asked)
+        });
+        // A free number a level.
+        let excess = excess + 3.0 * levels.len() as f64;
+        Some(PinLaw { effect: library("actuator-quantisation"), excess, values: vec![step / range] })
+    }
+
+    /// Play: the pin is dragged along, or sticks and jumps.
+    fn backlash(&self, jumps: bool) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let range = sticks.max - sticks.min;
+        let excess = |width: f64, creep: f64| {
+            let mut held = 0.0;
+            self.all(|pin, first| {
+                if first {
+                    held = pin.asked;
+                }
+                if !jumps {
+                    let dragged = held.clamp(pin.asked - 0.5 * width, pin.asked + 0.5 * width);
+                    held = dragged + creep * (pin.asked - dragged);
+                    return held;
+                }
+                // What sticks is where the output's own rounding put it.
+                if (pin.asked - held).abs() > 0.5 * width || pin.asked == sticks.min {
+                    held = pin.commanded;
+                    return pin.asked;
+                }
+                held
+            })
+        };
+        let creeps: &[f64] = if jumps { &[0.0] } else { &[0.0, 0.07, 0.14] };
+        let try_all = |widths: &mut dyn Iterator<Item = f64>| {
+            widths
+                .flat_map(|width| creeps.iter().map(move |creep| (width, *creep)))
+                .map(|(width, creep)| (excess(width, creep), width))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let coarse = (0..60).map(|i| 0.0015 * (0.15_f64 / 0.0015).powf(f64::from(i) / 59.0) * range);
+        let (_, about) = try_all(&mut { coarse })?;
+        // One jump missed is many residuals: the width must be right to a fraction of a step.
+        let fine = (-40..=40).map(|i| about * (1.0 + 0.002 * f64::from(i)));
+        let (excess, width) = try_all(&mut { fine })?;
+        Some(PinLaw { effect: library("actuator-backlash"), excess, values: vec![width / range] })
+    }
+}
+
+fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
+    let flights: Vec<&[Pin]> = tracks.iter().map(|t| t.pins.as_slice()).filter(|p| p.len() > 10).collect();
+    if flights.is_empty() {
+        return;
+    }
+    let all: Vec<Pin> = flights.iter().flat_map(|pins| pins.iter().copied()).collect();
+    let sigma = readback_sigma(&all, rig);
+    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
+    let step = if rig.output.bits == 0 { 0.0 } else { range / f64::from((1_u32 << rig.output.bits) - 1) };
+    let channel = PinChannel { rig, flights, sigma, step };
+    let ordinary = channel.all(|pin, _| pin.asked);
+    let floor = 1.15 * 0.5 * all.len() as f64 + 10.0;
+    if ordinary - floor < LAW_COST {
+        return;
+    }
+    let mut laws: Vec<PinLaw> = [
+        channel.saturation(),
+        channel.quantisation(),
+        channel.levels(),
+        channel.backlash(false),
+        channel.backlash(true),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
+    let Some(best) = laws.first().map(|law| law.excess) else { return };
+    out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
+    // They explain the same readbacks: what the best has over another counts in full.
+    let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);
+    for law in laws {
+        let gain = most - (law.excess - best);
+        if gain > 0.0 && out.effects.iter().all(|other| other.effect != law.effect) {
+            out.effects.push(DirectEffect {
+                effect: law.effect,
+                channel: "readback",
+                gain,
+                values: law.values,
+                relative_sigma: 0.05,
+            });
+        }
+    }
+    let off = all.iter().filter(|p| (p.readback - p.commanded).abs() > 4.0 * sigma).count();
+    out.findings.push(Finding {
+        channel: "readback",
+        text: format!(
+            "{off} of {} readbacks differ from the command by more than four sigma of their noise ({:.2} % of the range)",
+            all.len(),
+            100.0 * sigma / range
+        ),
+    });
+}
+
+/// A channel's likelihood is not exact: so many nats are as good as certain.
+const MOST_DIRECT: f64 = 60.0;
+
+/// Lateness that any soft real-time loop has, s: below, nothing is told.
+const ORDINARY_LATENESS_S: f64 = 0.001;
+
+fn ticks(tracks: &[Track], out: &mut Direct) {
+    let mut all: Vec<f64> = tracks.iter().flat_map(|t| t.lateness_s.iter().copied()).collect();
+    if all.len() < 50 {
+        return;
+    }
+    all.sort_by(f64::total_cmp);
+    let median = all[all.len() / 2];
+    let upper = all[all.len() * 3 / 4] - median;
+    // The scale of an exponential tail, from its quartile above the median (ln 2 of it), and not below the ordinary.
+    let scale = (upper / std::f64::consts::LN_2).max(ORDINARY_LATENESS_S);
+    let threshold = median + 8.0 * scale;
+    let late: Vec<f64> = all.iter().filter(|x| **x > threshold).map(|x| x - median).collect();
+    if late.is_empty() {
+        return;
+    }
+    let (n, k) = (all.len() as f64, late.len() as f64);
+    let mean = late.iter().sum::<f64>() / k;
+    let share = k / n;
+    // Exponential waits of that mean at that rate, against the tail of the ordinary.
+    let gain = late.iter().map(|x| (share / mean).ln() - x / mean + x / scale + scale.ln()).sum::<f64>()
+        - (n - k) * share
+        - LAW_COST;
+    if gain > 0.0 {
+        out.findings.push(Finding {
+            channel: "ticks",
+            text: format!(
+                "{} of {} iterations started late, by {:.0} ms in the mean and {:.0} ms at most",
+                late.len(),
+                all.len(),
+                1e3 * mean,
+                1e3 * late.iter().copied().fold(0.0, f64::max)
+            ),
+        });
+        out.effects.push(DirectEffect {
+            effect: library("loop-overrun"),
+            channel: "ticks",
+            gain: gain.min(MOST_DIRECT),
+            values: vec![share, mean],
+            relative_sigma: k.sqrt().recip(),
+        });
+    }
+}
+
+/// Share of frames that any tracker may lose.
+const ORDINARY_LOSS: f64 = 5e-4;
+
+fn frames(tracks: &[Track], rig: &Rig, out: &mut Direct) {
+    let told: usize = tracks.iter().map(|t| t.frames_told).sum();
+    let bursts: Vec<usize> = tracks.iter().flat_map(|t| t.bursts.iter().copied()).collect();
+    let lost: usize = bursts.iter().sum();
+    if told < 50 || lost == 0 {
+        return;
+    }
+    let n = (told + lost) as f64;
+    let ordinary = rig.tracker.dropout_probability.max(ORDINARY_LOSS);
+    // Gilbert's chain against single losses at the ordinary rate.
+    let k = bursts.len() as f64;
+    let rate = k / n;
+    let stay = ((lost as f64 - k) / lost as f64).clamp(0.02, 0.98);
+    let gain = k * (rate / ordinary).ln() - (n - lost as f64) * (rate - ordinary)
+        + (lost as f64 - k) * (stay / ordinary).ln()
+        + k * (1.0 - stay).ln()
+        - LAW_COST;
+    if gain > 0.0 && rate > ordinary {
+        let mean = lost as f64 / k;
+        out.findings.push(Finding {
+            channel: "frames",
+            text: format!("{lost} of {} frames are missing, in {} bursts", told + lost, bursts.len()),
+        });
+        out.effects.push(DirectEffect {
+            effect: library("tracker-dropout"),
+            channel: "frames",
+            gain: gain.min(MOST_DIRECT),
+            values: vec![lost as f64 / n, mean],
+            relative_sigma: k.sqrt().recip(),
+        });
+    }
+}
+
+/// Spread of arrivals about a regular clock that any bus has, s.
+const ORDINARY_JITTER_S: f64 = 0.0018;
+
+fn arrivals(tracks: &[Track], out: &mut Direct) {
+    let (mut n, mut fast, mut slow, mut wait) = (0.0, 0.0, 0.0, 0.0);
+    for track in tracks {
+        if track.waits_s.len() < 50 {
+            continue;
+        }
+        let waits = &track.waits_s;
+        let mean = waits.iter().sum::<f64>() / waits.len() as f64;
+        wait += waits.iter().sum::<f64>();
+        n += waits.len() as f64;
+        fast += waits.windows(2).map(|w| 0.5 * (w[1] - w[0]).powi(2)).sum::<f64>();
+        slow += waits.iter().map(|w| (w - mean).powi(2)).sum::<f64>();
+    }
+    if n < 100.0 {
+        return;
+    }
+    let (fast, slow) = ((fast / n).sqrt(), (slow / n).sqrt());
+    let gain = |spread: f64| {
+        let ratio = spread / ORDINARY_JITTER_S;
+        if ratio > 1.0 { n * (0.5 * (ratio * ratio - 1.0) - ratio.ln()) - LAW_COST } else { 0.0 }
+    };
+    // Waits that do not remember one another: a queue. Waits that do: a latency that moves.
+    if gain(fast) > 0.0 && fast > 0.6 * slow {
+        out.findings.push(Finding {
+            channel: "arrivals",
+            text: format!("frames arrive {:.1} ms (one sigma) off a regular clock", 1e3 * fast),
+        });
+        out.effects.push(DirectEffect {
+            effect: library("tracker-jitter"),
+            channel: "arrivals",
+            gain: gain(fast).min(MOST_DIRECT),
+            values: vec![fast],
+            relative_sigma: 0.05,
+        });
+    } else if gain(slow) > 0.0 {
+        out.findings.push(Finding {
+            channel: "arrivals",
+            text: format!("the latency of frames wanders by {:.1} ms (one sigma)", 1e3 * slow),
+        });
+        out.effects.push(DirectEffect {
+            effect: library("tracker-latency"),
+            channel: "arrivals",
+            gain: gain(slow).min(MOST_DIRECT),
+            values: vec![wait / n],
+            relative_sigma: 0.2,
+        });
+    }
+}

@@ -1,0 +1,165 @@
+//! Effects that are seen in the spread of sightings alone: they change the filter's noise, not its prediction.
+
+use bench_plant::effects::LIBRARY;
+use bench_rig::{GRAVITY_M_S2, Rig};
+
+use crate::{
+    fit::{Fit, Free, Problem, effect_coordinates},
+    law::Point,
+    pass::Noise,
+};
+
+/// Names of the effects of this kind.
+pub const RANDOM: [&str; 4] = ["tracker-noise", "tracker-jitter", "tracker-outliers", "gusts"];
+
+/// What is slower than this is a drift, not a gust, s.
+const LONGEST_GUST_S: f64 = 4.0;
+/// Share of wrong places beyond which they are no exception.
+const MOST_OUTLIERS: f64 = 0.1;
+/// How much wider than the noise wrong places lie.
+const OUTLIER_SIGMAS: f64 = 4.0;
+/// Spread of the charge drawn before a flight, minutes of hover.
+const DRAWN_BEFORE_MIN: f64 = 0.3;
+
+/// Whether an effect of the library is of this kind.
+pub fn is_random(effect: usize) -> bool {
+    RANDOM.contains(&LIBRARY[effect].name)
+}
+
+/// Noise with what a point's random effects add.
+pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
+    let mut noise = *noise;
+    for (effect, values) in &point.effects {
+        match LIBRARY[*effect].name {
+            "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
+            "tracker-jitter" => noise.jitter_s = values[0],
+            // Wrong places are few, and far off against the noise: else it is noise.
+            "tracker-outliers" => {
+                noise.outlier_probability = values[0].min(MOST_OUTLIERS);
+                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.sighting_m);
+            }
+            // How full the battery was before the flight is not known.
+            "battery-discharge" => {
+                noise.trim = noise.trim.hypot(GRAVITY_M_S2 * values[0] * DRAWN_BEFORE_MIN);
+            }
+            "gusts" => {
+                // Wind of deviation sigma acts through the drag.
+                let [sigma_m_s, correlation_s] = [values[0], values[1].min(LONGEST_GUST_S)];
+                let per_wind = rig.airframe.drag_n_s_per_m.value / rig.airframe.mass_kg.value;
+                noise.turbulence = noise.turbulence.hypot(sigma_m_s * per_wind);
+                noise.turbulence_time_s = correlation_s;
+            }
+            _ => {}
+        }
+    }
+    noise
+}
+
+/// Loss of likelihood a sighting, nats, between the best of the grid and the mode: half a step in the size of a noise.
+const GRID_LOSS: f64 = 0.06;
+/// Sweeps of the search over all coordinates.
+const SWEEPS: usize = 6;
+
+/// Adds a random effect to a fit: a search along each coordinate in turn, noise included; evidence from the curvature
+/// along each. `None` if no size of it is better than none.
+pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit> {
+    let slot = base.point.effects.len();
+    let own: Vec<Free> = effect_coordinates(slot, effect).collect();
+    let with = |own_values: &[f64]| {
+        let mut point = base.point.clone();
+        point.effects.push((effect, own.iter().zip(own_values).map(|(f, x)| f.value(*x)).collect()));
+        point
+    };
+    let objective = |noise: &Noise, own_values: &[f64]| {
+        let point = with(own_values);
+        let own_prior: f64 =
+            own.iter().zip(own_values).map(|(f, x)| 0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
+        problem.objective(&point, noise, &base.free) + own_prior
+    };
+    let mut grid = vec![Vec::new()];
+    for f in &own {
+        grid = grid
+            .into_iter()
+            .flat_map(|head: Vec<f64>| {
+                [-1.5, -0.5, 0.5, 1.5].map(|k| {
+                    let mut next = head.clone();
+                    next.push(f.mean + k * f.sigma);
+                    next
+                })
+            })
+            .collect();
+    }
+    // The base's noise was bent to do the effect's work: from what was thought of it before.
+    let mut noise = base.noise;
+    match LIBRARY[effect].name {
+        "gusts" => noise.turbulence = problem.noise.turbulence,
+        "tracker-jitter" => {}
+        _ => noise.sighting_m = problem.noise.sighting_m,
+    }
+    let (value, start) = grid
+        .into_iter()
+        .map(|values| (objective(&noise, &values), values))
+        .min_by(|a, b| a.0.total_cmp(&b.0))?;
+    // So far behind that no search from so coarse a grid makes it up.
+    let sightings = base.pass.innovations().count() as f64;
+    if value > base.objective + 15.0 + GRID_LOSS * sightings {
+        return None;
+    }
+    // Coordinates: logarithms of process and tracker noise against their prior, then the effect's own.
+    let mut x = vec![
+        (noise.turbulence / problem.noise.turbulence).ln(),
+        (noise.sighting_m / problem.noise.sighting_m).ln(),
+    ];
+    x.extend(start);
+    let scaled = |x: &[f64]| Noise {
+        turbulence: problem.noise.turbulence * x[0].exp(),
+        sighting_m: problem.noise.sighting_m * x[1].exp(),
+        ..base.noise
+    };
+    let at = |x: &[f64]| objective(&scaled(x), &x[2..]);
+    let mut steps: Vec<f64> = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
+    let mut best = at(&x);
+    let mut curvature = vec![0.0; x.len()];
+    for _ in 0..SWEEPS {
+        let before = best;
+        for i in 0..x.len() {
+            let probe = |dx: f64| {
+                let mut moved = x.clone();
+                moved[i] += dx;
+                at(&moved)
+            };
+            let h = steps[i];
+            let (low, high) = (probe(-h), probe(h));
+            let bend = low + high - 2.0 * best;
+            curvature[i] = bend / (h * h);
+            let dx = if bend > 1e-9 {
+                (0.5 * h * (low - high) / bend).clamp(-3.0 * h, 3.0 * h)
+            } else if low < high {
+                -2.0 * h
+            } else {
+                2.0 * h
+            };
+            let moved = probe(dx);
+            let (dx, value) = [(dx, moved), (-h, low), (h, high)]
+                .into_iter()
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+                .unwrap_or((0.0, best));
+            if value < best {
+                x[i] += dx;
+                best = value;
+            }
+            steps[i] = (0.5 * h).max(dx.abs().min(h));
+        }
+        if before - best < 0.1 {
+            break;
+        }
+    }
+    let ln_width: f64 =
+        own.iter().zip(&curvature[2..]).map(|(f, c)| -(f.sigma * c.max(f.sigma.powi(-2)).sqrt()).ln()).sum();
+    let noise = scaled(&x);
+    let random =
+        own.iter().zip(&curvature[2..]).map(|(f, c)| (*f, c.max(f.sigma.powi(-2)).sqrt().recip())).collect();
+    // The other coordinates' evidence is the base's: their curvature hardly changes with the noise.
+    let log_evidence = base.log_evidence + base.objective - best + ln_width;
+    Some(Fit { point: with(&x[2..]), noise, random, objective: best, log_evidence, ..base.clone() })
+}
