@@ -99,7 +99,7 @@ fn print_percentiles() {
     );
 }
 
-/// Create, record a 20 s flight, finish: what a simulation pays by the wall clock, fsync included.
+/// Create, record a 20 s flight, finish: what a simulation pays by the wall clock.
 #[divan::bench(sample_count = 100)]
 fn whole_flight(bencher: Bencher) {
     let folder = tempdir().unwrap();

@@ -9,26 +9,42 @@ use prost_types::Timestamp;
 use crate::{
     Battery, Channel, Command, ControlState, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor,
     Tick, Truth,
+    fields::Fields,
     proto::{bench as pb, foxglove},
 };
 
 /// Name under which events are logged.
 const LOG_NAME: &str = "bench";
+/// Frame of reference of poses.
+const POSE_FRAME: &str = "world";
 
 /// Appends the record as protobuf.
 pub(crate) fn encode(record: &Record, out: &mut Vec<u8>) {
+    let mut fields = Fields(out);
     match record {
-        Record::Position(position) => pb::Position::from(position).encode_raw(out),
-        Record::Motion(motion) => pb::Motion::from(motion).encode_raw(out),
-        Record::ControlState(state) => pb::ControlState::from(state).encode_raw(out),
-        Record::Command(command) => pb::Command::from(command).encode_raw(out),
-        Record::Readback(readback) => pb::Readback::from(readback).encode_raw(out),
-        Record::Truth(truth) => pb::Truth::from(truth).encode_raw(out),
-        Record::Tick(tick) => pb::Tick::from(tick).encode_raw(out),
-        Record::Event(event) => foxglove::Log::from(event).encode_raw(out),
-        Record::Battery(battery) => pb::Battery::from(battery).encode_raw(out),
-        Record::Rotor(rotor) => pb::Rotor::from(rotor).encode_raw(out),
+        Record::Position(position) => encode_position(position, &mut fields),
+        Record::Motion(motion) => encode_motion(motion, &mut fields),
+        Record::ControlState(state) => encode_control_state(state, &mut fields),
+        Record::Command(command) => encode_command(command, &mut fields),
+        Record::Readback(readback) => encode_readback(readback, &mut fields),
+        Record::Truth(truth) => encode_truth(truth, &mut fields),
+        Record::Tick(tick) => encode_tick(tick, &mut fields),
+        Record::Event(event) => encode_event(event, &mut fields),
+        Record::Battery(battery) => encode_battery(battery, &mut fields),
+        Record::Rotor(rotor) => encode_rotor(rotor, &mut fields),
     }
+}
+
+/// Appends the truth's pose as protobuf, for viewers.
+pub(crate) fn encode_pose(truth: &Truth, out: &mut Vec<u8>) {
+    let [w, x, y, z] = truth.attitude;
+    let mut fields = Fields(out);
+    fields.timestamp(1, truth.time);
+    fields.text(2, POSE_FRAME);
+    fields.message(3, |pose| {
+        pose.doubles(1, truth.position_m);
+        pose.doubles(2, [x, y, z, w]);
+    });
 }
 
 /// Reads what [`encode`] wrote; the error says what is wrong with the bytes.
@@ -51,35 +67,6 @@ fn parse<M: Message + Default>(data: &[u8]) -> Result<M, String> {
     M::decode(data).map_err(|error| error.to_string())
 }
 
-/// The pose that is written beside each truth; kept between messages so that its frame's name is made once.
-pub(crate) struct PoseEncoder {
-    pose: foxglove::PoseInFrame,
-}
-
-impl PoseEncoder {
-    pub fn new() -> Self {
-        Self { pose: foxglove::PoseInFrame { frame_id: "world".to_owned(), timestamp: None, pose: None } }
-    }
-
-    /// Appends the truth's pose as protobuf.
-    pub fn encode(&mut self, truth: &Truth, out: &mut Vec<u8>) {
-        let [x, y, z] = truth.position_m;
-        let [qw, qx, qy, qz] = truth.attitude;
-        self.pose.timestamp = Some(timestamp(truth.time));
-        self.pose.pose = Some(foxglove::Pose {
-            position: Some(foxglove::Vector3 { x, y, z }),
-            orientation: Some(foxglove::Quaternion { x: qx, y: qy, z: qz, w: qw }),
-        });
-        self.pose.encode_raw(out);
-    }
-}
-
-fn timestamp(time: Time) -> Timestamp {
-    const NANOS: u64 = 1_000_000_000;
-    // Nanoseconds in 64 bits are 584 years, so the seconds fit; the rest is below 1e9.
-    Timestamp { seconds: (time.nanos() / NANOS).cast_signed(), nanos: (time.nanos() % NANOS) as i32 }
-}
-
 fn time(timestamp: Option<Timestamp>) -> Result<Time, String> {
     let Timestamp { seconds, nanos } = timestamp.unwrap_or_default();
     u64::try_from(i128::from(seconds) * 1_000_000_000 + i128::from(nanos))
@@ -87,22 +74,9 @@ fn time(timestamp: Option<Timestamp>) -> Result<Time, String> {
         .map_err(|_| format!("timestamp {seconds} s {nanos} ns is out of range"))
 }
 
-impl From<[f64; 3]> for pb::Vector3 {
-    fn from([x, y, z]: [f64; 3]) -> Self {
-        Self { x, y, z }
-    }
-}
-
 // Protobuf leaves out a message whose fields are all zero in some writers; absent reads as zero, as for any field.
 fn vector(v: Option<pb::Vector3>) -> [f64; 3] {
     v.map_or([0.0; 3], |v| [v.x, v.y, v.z])
-}
-
-impl From<Sticks> for pb::Sticks {
-    fn from(sticks: Sticks) -> Self {
-        let Sticks { throttle, pitch, roll, yaw } = sticks;
-        Self { throttle, pitch, roll, yaw }
-    }
 }
 
 fn sticks(sticks: Option<pb::Sticks>) -> Sticks {
@@ -110,23 +84,19 @@ fn sticks(sticks: Option<pb::Sticks>) -> Sticks {
     Sticks { throttle, pitch, roll, yaw }
 }
 
-impl From<&PositionSample> for pb::Position {
-    fn from(position: &PositionSample) -> Self {
-        let status = match position.status {
-            TrackStatus::Found => pb::TrackStatus::Found,
-            TrackStatus::Lost => pb::TrackStatus::Lost,
-            TrackStatus::Ambiguous => pb::TrackStatus::Ambiguous,
-        };
-        Self {
-            exposed_at_ns: position.exposed_at.nanos(),
-            arrived_at_ns: position.arrived_at.nanos(),
-            position_m: Some(position.position_m.into()),
-            heading_rad: position.heading_rad,
-            pixel: Some(pb::Vector2 { x: position.pixel[0], y: position.pixel[1] }),
-            size_px: position.size_px,
-            status: status.into(),
-        }
-    }
+fn encode_position(position: &PositionSample, fields: &mut Fields) {
+    let status = match position.status {
+        TrackStatus::Found => pb::TrackStatus::Found,
+        TrackStatus::Lost => pb::TrackStatus::Lost,
+        TrackStatus::Ambiguous => pb::TrackStatus::Ambiguous,
+    };
+    fields.integer(1, position.exposed_at.nanos());
+    fields.integer(2, position.arrived_at.nanos());
+    fields.doubles(3, position.position_m);
+    fields.measured(4, position.heading_rad);
+    fields.doubles(5, position.pixel);
+    fields.double(6, position.size_px);
+    fields.enumeration(7, status.into());
 }
 
 impl TryFrom<pb::Position> for PositionSample {
@@ -150,17 +120,11 @@ impl TryFrom<pb::Position> for PositionSample {
     }
 }
 
-impl From<&Motion> for pb::Motion {
-    fn from(motion: &Motion) -> Self {
-        let [x, y, z] = motion.velocity_m_s;
-        let [roll, pitch, yaw] = motion.attitude_rad;
-        Self {
-            time_ns: motion.time.nanos(),
-            velocity_m_s: Some(pb::MaybeVector3 { x, y, z }),
-            vertical_acceleration_m_s2: motion.vertical_acceleration_m_s2,
-            attitude_rad: Some(pb::MaybeAttitude { roll, pitch, yaw }),
-        }
-    }
+fn encode_motion(motion: &Motion, fields: &mut Fields) {
+    fields.integer(1, motion.time.nanos());
+    fields.all_measured(2, motion.velocity_m_s);
+    fields.measured(3, motion.vertical_acceleration_m_s2);
+    fields.all_measured(4, motion.attitude_rad);
 }
 
 impl From<pb::Motion> for Motion {
@@ -174,29 +138,25 @@ impl From<pb::Motion> for Motion {
     }
 }
 
-impl From<&ControlState> for pb::ControlState {
-    fn from(state: &ControlState) -> Self {
-        let phase = match state.phase {
-            Phase::Idle => pb::Phase::Idle,
-            Phase::Launch => pb::Phase::Launch,
-            Phase::Open => pb::Phase::Open,
-            Phase::Hold => pb::Phase::Hold,
-            Phase::Land => pb::Phase::Land,
-            Phase::Abort => pb::Phase::Abort,
-        };
-        Self {
-            time_ns: state.time.nanos(),
-            phase: phase.into(),
-            setpoint_m: Some(state.setpoint_m.into()),
-            setpoint_heading_rad: state.setpoint_heading_rad,
-            estimate_m: Some(state.estimate_m.into()),
-            estimate_m_s: Some(state.estimate_m_s.into()),
-            vertical_speed_setpoint_m_s: state.vertical_speed_setpoint_m_s,
-            vertical_speed_error_m_s: state.vertical_speed_error_m_s,
-            integral_n: state.integral_n,
-            thrust_n: state.thrust_n,
-        }
-    }
+fn encode_control_state(state: &ControlState, fields: &mut Fields) {
+    let phase = match state.phase {
+        Phase::Idle => pb::Phase::Idle,
+        Phase::Launch => pb::Phase::Launch,
+        Phase::Open => pb::Phase::Open,
+        Phase::Hold => pb::Phase::Hold,
+        Phase::Land => pb::Phase::Land,
+        Phase::Abort => pb::Phase::Abort,
+    };
+    fields.integer(1, state.time.nanos());
+    fields.enumeration(2, phase.into());
+    fields.doubles(3, state.setpoint_m);
+    fields.double(4, state.setpoint_heading_rad);
+    fields.doubles(5, state.estimate_m);
+    fields.doubles(6, state.estimate_m_s);
+    fields.double(7, state.vertical_speed_setpoint_m_s);
+    fields.double(8, state.vertical_speed_error_m_s);
+    fields.double(9, state.integral_n);
+    fields.double(10, state.thrust_n);
 }
 
 impl TryFrom<pb::ControlState> for ControlState {
@@ -226,10 +186,9 @@ impl TryFrom<pb::ControlState> for ControlState {
     }
 }
 
-impl From<&Command> for pb::Command {
-    fn from(command: &Command) -> Self {
-        Self { time_ns: command.time.nanos(), sticks: Some(command.sticks.into()) }
-    }
+fn encode_command(command: &Command, fields: &mut Fields) {
+    fields.integer(1, command.time.nanos());
+    fields.sticks(2, command.sticks);
 }
 
 impl From<pb::Command> for Command {
@@ -238,16 +197,17 @@ impl From<pb::Command> for Command {
     }
 }
 
-impl From<&ReadbackAt> for pb::Readback {
-    fn from(&ReadbackAt { time, readback }: &ReadbackAt) -> Self {
-        let Faults { watchdog, clamped, mismatch, brown_out } = readback.faults;
-        Self {
-            time_ns: time.nanos(),
-            device_time_ns: readback.device_time.nanos(),
-            sticks: Some(readback.sticks.into()),
-            faults: Some(pb::Faults { watchdog, clamped, mismatch, brown_out }),
-        }
-    }
+fn encode_readback(&ReadbackAt { time, readback }: &ReadbackAt, fields: &mut Fields) {
+    let Faults { watchdog, clamped, mismatch, brown_out } = readback.faults;
+    fields.integer(1, time.nanos());
+    fields.integer(2, readback.device_time.nanos());
+    fields.sticks(3, readback.sticks);
+    fields.message(4, |faults| {
+        faults.integer(1, watchdog.into());
+        faults.integer(2, clamped.into());
+        faults.integer(3, mismatch.into());
+        faults.integer(4, brown_out.into());
+    });
 }
 
 impl From<pb::Readback> for ReadbackAt {
@@ -264,20 +224,15 @@ impl From<pb::Readback> for ReadbackAt {
     }
 }
 
-impl From<&Truth> for pb::Truth {
-    fn from(truth: &Truth) -> Self {
-        let [w, x, y, z] = truth.attitude;
-        Self {
-            time_ns: truth.time.nanos(),
-            position_m: Some(truth.position_m.into()),
-            velocity_m_s: Some(truth.velocity_m_s.into()),
-            attitude: Some(pb::Quaternion { w, x, y, z }),
-            body_rate_rad_s: Some(truth.body_rate_rad_s.into()),
-            thrust_n: truth.thrust_n,
-            rotor_speed_ratio: truth.rotor_speed_ratio,
-            charge_hover_min: truth.charge_hover_min,
-        }
-    }
+fn encode_truth(truth: &Truth, fields: &mut Fields) {
+    fields.integer(1, truth.time.nanos());
+    fields.doubles(2, truth.position_m);
+    fields.doubles(3, truth.velocity_m_s);
+    fields.doubles(4, truth.attitude);
+    fields.doubles(5, truth.body_rate_rad_s);
+    fields.double(6, truth.thrust_n);
+    fields.double(7, truth.rotor_speed_ratio);
+    fields.double(8, truth.charge_hover_min);
 }
 
 impl From<pb::Truth> for Truth {
@@ -295,19 +250,15 @@ impl From<pb::Truth> for Truth {
     }
 }
 
-impl From<&Tick> for pb::Tick {
-    fn from(tick: &Tick) -> Self {
-        Self {
-            index: tick.index,
-            scheduled_ns: tick.scheduled.nanos(),
-            started_ns: tick.started.nanos(),
-            lateness_s: tick.started.since_s(tick.scheduled),
-            sense_s: tick.sense_s,
-            control_s: tick.control_s,
-            actuate_s: tick.actuate_s,
-            overrun: tick.overrun,
-        }
-    }
+fn encode_tick(tick: &Tick, fields: &mut Fields) {
+    fields.integer(1, tick.index);
+    fields.integer(2, tick.scheduled.nanos());
+    fields.integer(3, tick.started.nanos());
+    fields.double(4, tick.started.since_s(tick.scheduled));
+    fields.double(5, tick.sense_s);
+    fields.double(6, tick.control_s);
+    fields.double(7, tick.actuate_s);
+    fields.integer(8, tick.overrun.into());
 }
 
 impl From<pb::Tick> for Tick {
@@ -324,22 +275,16 @@ impl From<pb::Tick> for Tick {
     }
 }
 
-impl From<&Event> for foxglove::Log {
-    fn from(event: &Event) -> Self {
-        let level = match event.level {
-            Level::Info => foxglove::log::Level::Info,
-            Level::Warning => foxglove::log::Level::Warning,
-            Level::Error => foxglove::log::Level::Error,
-        };
-        Self {
-            timestamp: Some(timestamp(event.time)),
-            level: level.into(),
-            message: event.text.to_string(),
-            name: LOG_NAME.to_owned(),
-            file: String::new(),
-            line: 0,
-        }
-    }
+fn encode_event(event: &Event, fields: &mut Fields) {
+    let level = match event.level {
+        Level::Info => foxglove::log::Level::Info,
+        Level::Warning => foxglove::log::Level::Warning,
+        Level::Error => foxglove::log::Level::Error,
+    };
+    fields.timestamp(1, event.time);
+    fields.enumeration(2, level.into());
+    fields.text(3, &event.text);
+    fields.text(4, LOG_NAME);
 }
 
 impl TryFrom<foxglove::Log> for Event {
@@ -371,10 +316,10 @@ fn event_text(text: &str) -> EventText {
     held
 }
 
-impl From<&Battery> for pb::Battery {
-    fn from(battery: &Battery) -> Self {
-        Self { time_ns: battery.time.nanos(), voltage_v: battery.voltage_v, current_a: battery.current_a }
-    }
+fn encode_battery(battery: &Battery, fields: &mut Fields) {
+    fields.integer(1, battery.time.nanos());
+    fields.double(2, battery.voltage_v);
+    fields.measured(3, battery.current_a);
 }
 
 impl From<pb::Battery> for Battery {
@@ -387,10 +332,10 @@ impl From<pb::Battery> for Battery {
     }
 }
 
-impl From<&Rotor> for pb::Rotor {
-    fn from(rotor: &Rotor) -> Self {
-        let [speed_1_rad_s, speed_2_rad_s, speed_3_rad_s, speed_4_rad_s] = rotor.speed_rad_s;
-        Self { time_ns: rotor.time.nanos(), speed_1_rad_s, speed_2_rad_s, speed_3_rad_s, speed_4_rad_s }
+fn encode_rotor(rotor: &Rotor, fields: &mut Fields) {
+    fields.integer(1, rotor.time.nanos());
+    for (number, speed_rad_s) in (2..).zip(rotor.speed_rad_s) {
+        fields.measured(number, speed_rad_s);
     }
 }
 
@@ -399,6 +344,180 @@ impl From<pb::Rotor> for Rotor {
         Self {
             time: Time::from_nanos(rotor.time_ns),
             speed_rad_s: [rotor.speed_1_rad_s, rotor.speed_2_rad_s, rotor.speed_3_rad_s, rotor.speed_4_rad_s],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Debug;
+
+    use bench_device::{Faults, PositionSample, Readback, Sticks, Time, TrackStatus};
+    use bench_rig::{ControlState, Phase};
+    use proptest::prelude::*;
+    use prost::Message;
+
+    use super::{encode, encode_pose};
+    use crate::{
+        Battery, Channel, Command, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor, Tick, Truth,
+        proto::{bench as pb, foxglove},
+    };
+
+    /// What prost makes of the bytes, and of the message that it reads in them.
+    fn reencoded<M: Message + Default>(bytes: &[u8]) -> Vec<u8> {
+        M::decode(bytes).unwrap().encode_to_vec()
+    }
+
+    fn by_prost(channel: Channel, bytes: &[u8]) -> Vec<u8> {
+        match channel {
+            Channel::Position => reencoded::<pb::Position>(bytes),
+            Channel::Motion => reencoded::<pb::Motion>(bytes),
+            Channel::ControlState => reencoded::<pb::ControlState>(bytes),
+            Channel::Command => reencoded::<pb::Command>(bytes),
+            Channel::Readback => reencoded::<pb::Readback>(bytes),
+            Channel::Truth => reencoded::<pb::Truth>(bytes),
+            Channel::Tick => reencoded::<pb::Tick>(bytes),
+            Channel::Event => reencoded::<foxglove::Log>(bytes),
+            Channel::Battery => reencoded::<pb::Battery>(bytes),
+            Channel::Rotor => reencoded::<pb::Rotor>(bytes),
+        }
+    }
+
+    /// Records of every kind, made of the numbers given in turn.
+    fn records(numbers: &[f64], integers: &[u64], flags: &[bool], text: &str) -> Vec<Record> {
+        let (mut n, mut i, mut f) = (numbers.iter().cycle(), integers.iter().cycle(), flags.iter().cycle());
+        let mut x = || *n.next().unwrap();
+        let mut count = || *i.next().unwrap();
+        let mut flag = || *f.next().unwrap();
+        let level = [Level::Info, Level::Warning, Level::Error][count() as usize % 3];
+        let phases = [Phase::Idle, Phase::Launch, Phase::Open, Phase::Hold, Phase::Land, Phase::Abort];
+        let phase = phases[count() as usize % 6];
+        let statuses = [TrackStatus::Found, TrackStatus::Lost, TrackStatus::Ambiguous];
+        let status = statuses[count() as usize % 3];
+        let sticks = Sticks { throttle: x(), pitch: x(), roll: x(), yaw: x() };
+        let [time, other] = [count(), count()].map(Time::from_nanos);
+        let mut maybe = || flag().then(&mut x);
+        let position = PositionSample {
+            exposed_at: other,
+            arrived_at: time,
+            position_m: [numbers[0]; 3],
+            heading_rad: maybe(),
+            pixel: [numbers[1], 0.0],
+            size_px: numbers[2],
+            status,
+        };
+        let motion = Motion {
+            time,
+            velocity_m_s: [maybe(), maybe(), maybe()],
+            vertical_acceleration_m_s2: maybe(),
+            attitude_rad: [maybe(), maybe(), maybe()],
+        };
+        let battery = Battery { time, voltage_v: numbers[0], current_a: maybe() };
+        let rotor = Rotor { time, speed_rad_s: [maybe(), maybe(), maybe(), maybe()] };
+        let state = ControlState {
+            time,
+            phase,
+            setpoint_m: [x(), x(), x()],
+            setpoint_heading_rad: x(),
+            estimate_m: [x(), x(), x()],
+            estimate_m_s: [x(), x(), x()],
+            vertical_speed_setpoint_m_s: x(),
+            vertical_speed_error_m_s: x(),
+            integral_n: x(),
+            thrust_n: x(),
+        };
+        let truth = Truth {
+            time,
+            position_m: [x(), x(), x()],
+            velocity_m_s: [x(), x(), x()],
+            attitude: [x(), x(), x(), x()],
+            body_rate_rad_s: [x(), x(), x()],
+            thrust_n: x(),
+            rotor_speed_ratio: x(),
+            charge_hover_min: x(),
+        };
+        let faults = Faults { watchdog: flag(), clamped: flag(), mismatch: flag(), brown_out: flag() };
+        let tick = Tick {
+            index: count(),
+            scheduled: other,
+            started: time,
+            sense_s: x(),
+            control_s: x(),
+            actuate_s: x(),
+            overrun: flag(),
+        };
+        let text = super::event_text(text);
+        vec![
+            position.into(),
+            motion.into(),
+            state.into(),
+            Command { time, sticks }.into(),
+            ReadbackAt { time, readback: Readback { device_time: other, sticks, faults } }.into(),
+            truth.into(),
+            tick.into(),
+            Event { time, level, text }.into(),
+            battery.into(),
+            rotor.into(),
+        ]
+    }
+
+    fn integers() -> impl Strategy<Value = Vec<u64>> {
+        // Varints of every length.
+        prop::collection::vec((any::<u64>(), 0..64_u32).prop_map(|(value, shift)| value >> shift), 8)
+    }
+
+    fn numbers() -> impl Strategy<Value = Vec<f64>> {
+        use prop::num::f64::{INFINITE, NORMAL, SUBNORMAL, ZERO};
+        prop::collection::vec(NORMAL | ZERO | SUBNORMAL | INFINITE, 7)
+    }
+
+    fn same(a: &impl Debug, b: &impl Debug) -> bool {
+        format!("{a:?}") == format!("{b:?}")
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn messages_are_those_of_a_general_encoder(
+            numbers in numbers(),
+            integers in integers(),
+            flags in prop::collection::vec(any::<bool>(), 5),
+            text in ".{0,40}",
+        ) {
+            for record in records(&numbers, &integers, &flags, &text) {
+                let channel = record.channel();
+                let mut bytes = Vec::new();
+                encode(&record, &mut bytes);
+                prop_assert_eq!(&by_prost(channel, &bytes), &bytes, "{:?}", record);
+                prop_assert_eq!(super::decode(channel, &bytes), Ok(record));
+                if let Record::Truth(truth) = record {
+                    let mut bytes = Vec::new();
+                    encode_pose(&truth, &mut bytes);
+                    prop_assert_eq!(&reencoded::<foxglove::PoseInFrame>(&bytes), &bytes);
+                    let seen = foxglove::PoseInFrame::decode(&*bytes).unwrap();
+                    let pose = seen.pose.unwrap();
+                    let foxglove::Vector3 { x, y, z } = pose.position.unwrap();
+                    prop_assert_eq!([x, y, z], truth.position_m);
+                    let foxglove::Quaternion { x, y, z, w } = pose.orientation.unwrap();
+                    prop_assert_eq!([w, x, y, z], truth.attitude);
+                    prop_assert_eq!(super::time(seen.timestamp), Ok(truth.time));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_number_stays_so_and_the_longest_event_fits() {
+        let text = EventText::from(&"ü".repeat(59)).unwrap();
+        let time = Time::from_nanos(u64::MAX);
+        for record in [
+            Record::from(Battery { time, voltage_v: f64::NAN, current_a: Some(f64::NAN) }),
+            Event { time, level: Level::Error, text }.into(),
+        ] {
+            let mut bytes = Vec::new();
+            encode(&record, &mut bytes);
+            assert!(same(&super::decode(record.channel(), &bytes).unwrap(), &record));
         }
     }
 }

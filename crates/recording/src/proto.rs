@@ -8,6 +8,7 @@ pub mod bench {
 
 /// Messages that Foxglove and its kin show natively.
 #[allow(missing_docs, clippy::pedantic, reason = "generated; documented in proto/")]
+#[cfg_attr(not(test), allow(dead_code, reason = "poses are written field by field; tests read them"))]
 pub mod foxglove {
     include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
 }

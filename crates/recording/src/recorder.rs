@@ -31,6 +31,8 @@ pub struct Options {
     pub queue_capacity: usize,
     /// What happens to a record that finds the queue full.
     pub when_full: WhenFull,
+    /// Whether [`Recorder::finish`] waits until the file is on disk (`fsync`), safe from a loss of power.
+    pub sync_on_finish: bool,
 }
 
 /// What happens to a record that finds the queue full.
@@ -43,16 +45,23 @@ pub enum WhenFull {
 }
 
 impl Options {
-    /// For simulations: nothing is lost, bytes repeat. What a crash costs can be flown again, so chunks are long.
-    pub const SIMULATION: Self =
-        Self { flush_interval_s: 5.0, flush_after: None, queue_capacity: 1024, when_full: WhenFull::Block };
+    /// For simulations: nothing is lost, bytes repeat. What a crash or a loss of power costs can be flown again, so chunks
+    /// are long and nothing waits for the disk.
+    pub const SIMULATION: Self = Self {
+        flush_interval_s: 5.0,
+        flush_after: None,
+        queue_capacity: 2048,
+        when_full: WhenFull::Block,
+        sync_on_finish: false,
+    };
 
-    /// For loops in real time: never waits, flushes also when messages cease.
+    /// For loops in real time: never waits, flushes also when messages cease, and is on disk when it is closed.
     pub const REAL_TIME: Self = Self {
         flush_interval_s: 0.5,
         flush_after: Some(Duration::from_millis(500)),
         queue_capacity: 4096,
         when_full: WhenFull::Drop,
+        sync_on_finish: true,
     };
 }
 
@@ -143,7 +152,8 @@ impl Recorder {
         self.dropped
     }
 
-    /// Writes what is still queued, closes the file with its summary and indexes, and has it put on disk.
+    /// Writes what is still queued, closes the file with its summary and indexes, and has it put on
+    /// disk if the options say so.
     pub fn finish(mut self) -> Result<Finished, RecordingError> {
         let path = std::mem::take(&mut self.path);
         match self.close(Closing::Finish) {
@@ -246,11 +256,13 @@ mod tests {
     struct Disk {
         bytes: Arc<Mutex<Vec<u8>>>,
         size: usize,
+        /// How long the file was each time that it was put on disk.
+        synced: Arc<Mutex<Vec<usize>>>,
     }
 
     impl Disk {
         fn of_size(size: usize) -> Self {
-            Self { bytes: Arc::default(), size }
+            Self { bytes: Arc::default(), size, synced: Arc::default() }
         }
 
         /// What is on the disk; holds up the writer as long as it is kept.
@@ -280,6 +292,7 @@ mod tests {
 
     impl Output for Disk {
         fn sync(&mut self) -> io::Result<()> {
+            self.synced.lock().unwrap().push(self.bytes().len());
             Ok(())
         }
     }
@@ -314,6 +327,19 @@ mod tests {
                 other => panic!("{other:?}"),
             }
             assert!(!disk.bytes().ends_with(mcap::MAGIC));
+        }
+    }
+
+    #[test]
+    fn a_closed_file_is_put_on_disk_whole_unless_it_can_be_flown_again() {
+        for (options, times) in [(Options::REAL_TIME, 1), (Options::SIMULATION, 0)] {
+            let disk = Disk::of_size(usize::MAX);
+            let mut recorder = disk.recorder(options);
+            recorder.record(battery(0));
+            recorder.finish().unwrap();
+            let whole = disk.bytes();
+            assert!(whole.ends_with(mcap::MAGIC));
+            assert_eq!(*disk.synced.lock().unwrap(), vec![whole.len(); times]);
         }
     }
 

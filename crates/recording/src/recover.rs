@@ -1,24 +1,23 @@
 use std::{
     collections::BTreeMap,
     fs::{self, File},
-    io::{self, BufWriter, Write},
+    io::{self, BufWriter},
     path::Path,
 };
 
 use mcap::{
-    Attachment, McapError, McapResult,
     records::{AttachmentHeader, Channel, MessageHeader, Metadata, Record, SchemaHeader, op},
     sans_io::LinearReaderOptions,
-    write::NoSeek,
 };
 use serde::Serialize;
 
 use crate::{
     RecordingError,
     container::{self, Container, RecordStream},
+    layout::{ChannelKey, Layout},
     partial::PartialFile,
     session::{END_METADATA, RECOVERED, SESSION_METADATA},
-    writer::{io_error, write_options},
+    writer::library,
 };
 
 /// What [`recover`] found; as JSON, schema `bench.recover/1`.
@@ -54,7 +53,7 @@ pub fn recover(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<Reco
         return Err(RecordingError::OutputIsInput { path: output.to_owned() });
     }
     let (partial, file) = PartialFile::create(output)?;
-    let mut salvage = Salvage::start(file, &mut container).map_err(|error| partial.error(io_error(error)))?;
+    let mut salvage = Salvage::start(file, &mut container).map_err(|error| partial.error(error))?;
     let copied = salvage.copy_all(&mut container);
     let has_session = salvage.has_session;
     let topics = salvage.definitions.topics();
@@ -84,13 +83,13 @@ impl Definitions {
     }
 }
 
-type Output = NoSeek<BufWriter<File>>;
-
 /// A recording being copied as far as it is whole. Its functions err only where the output does; what is wrong with the
 /// input goes into the report.
 struct Salvage {
-    writer: mcap::Writer<Output>,
+    layout: Layout<BufWriter<File>>,
     definitions: Definitions,
+    /// Channels of the output by their number.
+    channels: BTreeMap<u16, ChannelKey>,
     has_session: bool,
     /// How the recorder ended the recording, if it did.
     end: BTreeMap<String, String>,
@@ -98,7 +97,7 @@ struct Salvage {
 }
 
 impl Salvage {
-    fn start(file: File, container: &mut Container) -> McapResult<Self> {
+    fn start(file: File, container: &mut Container) -> io::Result<Self> {
         let summary = container.summary();
         let closed = !matches!(summary, Err(RecordingError::Unfinished { .. }));
         let mut definitions = Definitions::default();
@@ -112,8 +111,9 @@ impl Salvage {
             }
         }
         Ok(Self {
-            writer: write_options().create(NoSeek::new(BufWriter::new(file)))?,
+            layout: Layout::start(BufWriter::new(file), library())?,
             definitions,
+            channels: BTreeMap::new(),
             has_session: false,
             end: BTreeMap::new(),
             report: RecoverReport {
@@ -130,7 +130,7 @@ impl Salvage {
         })
     }
 
-    fn copy_all(&mut self, container: &mut Container) -> McapResult<()> {
+    fn copy_all(&mut self, container: &mut Container) -> io::Result<()> {
         if let Err(error) = container.rewind() {
             self.report.stopped_by = Some(error.to_string());
             return Ok(());
@@ -155,7 +155,7 @@ impl Salvage {
         Ok(())
     }
 
-    fn copy_chunk(&mut self, chunk: &[u8]) -> McapResult<()> {
+    fn copy_chunk(&mut self, chunk: &[u8]) -> io::Result<()> {
         let mut records = container::records_of_chunk(chunk);
         let mut body = Vec::new();
         while let Some(read) = records.next(&mut body) {
@@ -167,10 +167,10 @@ impl Salvage {
         Ok(())
     }
 
-    fn copy_record(&mut self, opcode: u8, body: &[u8]) -> McapResult<()> {
+    fn copy_record(&mut self, opcode: u8, body: &[u8]) -> io::Result<()> {
         match container::parse(opcode, body) {
             Ok(Record::Metadata(metadata)) => self.copy_metadata(metadata)?,
-            Ok(Record::Attachment { header, data, .. }) => self.copy_attachment(header, data.into_owned())?,
+            Ok(Record::Attachment { header, data, .. }) => self.copy_attachment(header, &data)?,
             Ok(Record::Schema { header, data }) => {
                 self.definitions.schemas.entry(header.id).or_insert((header, data.into_owned()));
             }
@@ -184,58 +184,59 @@ impl Salvage {
         Ok(())
     }
 
-    fn copy_metadata(&mut self, metadata: Metadata) -> McapResult<()> {
+    fn copy_metadata(&mut self, metadata: Metadata) -> io::Result<()> {
         if metadata.name == END_METADATA {
             self.end = metadata.metadata;
             return Ok(());
         }
         self.has_session |= metadata.name == SESSION_METADATA;
-        self.writer.write_metadata(&metadata)?;
+        self.layout.add_metadata(&metadata)?;
         self.report.metadata.push(metadata.name);
         Ok(())
     }
 
-    fn copy_attachment(&mut self, header: AttachmentHeader, data: Vec<u8>) -> McapResult<()> {
-        let AttachmentHeader { log_time, create_time, name, media_type } = header;
-        self.report.attachments.push(name.clone());
-        self.writer.attach(&Attachment { log_time, create_time, name, media_type, data: data.into() })
+    fn copy_attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> io::Result<()> {
+        self.report.attachments.push(header.name.clone());
+        self.layout.attach(header, data)
     }
 
-    fn copy_message(&mut self, header: &MessageHeader, data: &[u8]) -> McapResult<()> {
-        let Some(channel) = self.definitions.channels.get(&header.channel_id) else {
+    fn copy_message(&mut self, header: &MessageHeader, data: &[u8]) -> io::Result<()> {
+        let &MessageHeader { channel_id, sequence, log_time, publish_time } = header;
+        let Some(channel) = self.channel(channel_id)? else {
             self.report.damaged_records += 1;
             return Ok(());
         };
-        if let Some((schema, data)) = self.definitions.schemas.get(&channel.schema_id) {
-            self.writer.add_schema_with_id(schema.id, &schema.name, &schema.encoding, data)?;
-        }
-        let Channel { id, schema_id, topic, message_encoding, metadata } = channel;
-        match self.writer.add_channel_with_id(*id, *schema_id, topic, message_encoding, metadata) {
-            Ok(_) => {}
-            Err(McapError::UnknownSchema(..)) => {
-                self.report.damaged_records += 1;
-                return Ok(());
-            }
-            Err(error) => return Err(error),
-        }
-        self.writer.write_to_known_channel(header, data)?;
+        let append = |out: &mut Vec<u8>| out.extend_from_slice(data);
+        self.layout.message(channel, sequence, log_time, publish_time, append)?;
         self.report.messages += 1;
         Ok(())
     }
 
+    /// A channel of the input in the output, made known there with its first message; `None` if its definition or that of
+    /// its schema is missing.
+    fn channel(&mut self, id: u16) -> io::Result<Option<ChannelKey>> {
+        if let Some(key) = self.channels.get(&id) {
+            return Ok(Some(*key));
+        }
+        let Definitions { schemas, channels } = &self.definitions;
+        let Some(channel) = channels.get(&id) else { return Ok(None) };
+        // Number 0 stands for a channel without a schema.
+        if channel.schema_id != 0 && !self.layout.has_schema(channel.schema_id) {
+            let Some((header, data)) = schemas.get(&channel.schema_id) else { return Ok(None) };
+            self.layout.add_schema(header, data)?;
+        }
+        let key = self.layout.add_channel(channel)?;
+        self.channels.insert(id, key);
+        Ok(Some(key))
+    }
+
     /// Closes the output if the copying went well.
-    fn finish(mut self, copied: McapResult<()>) -> io::Result<(File, RecoverReport)> {
+    fn finish(mut self, copied: io::Result<()>) -> io::Result<(File, RecoverReport)> {
+        copied?;
         self.end.insert(RECOVERED.to_owned(), "true".to_owned());
-        let end = Metadata { name: END_METADATA.to_owned(), metadata: self.end };
-        let closed = copied
-            .and_then(|()| self.writer.write_metadata(&end))
-            .and_then(|()| self.writer.finish().map(drop));
-        // Taken out in any case: dropped, the writer would close a file that is given up.
-        let mut output = self.writer.into_inner();
-        closed.map_err(io_error)?;
-        let buffer = output.get_mut();
-        buffer.flush()?;
-        let file = buffer.get_ref().try_clone()?;
+        self.layout.add_metadata(&Metadata { name: END_METADATA.to_owned(), metadata: self.end })?;
+        let (_, _, buffer) = self.layout.finish()?;
+        let file = buffer.into_inner()?;
         let report = &mut self.report;
         report.lost = report.damaged_records > 0 || report.trailing_bytes > 0 || report.stopped_by.is_some();
         Ok((file, self.report))

@@ -22,13 +22,12 @@ const POLL: Duration = Duration::from_millis(20);
 
 /// What a recording is written to.
 pub(crate) trait Output: Write + Send + 'static {
-    /// Has all that was written put on disk.
+    /// Has all that was flushed put on disk.
     fn sync(&mut self) -> io::Result<()>;
 }
 
 impl Output for BufWriter<File> {
     fn sync(&mut self) -> io::Result<()> {
-        self.flush()?;
         match self.get_ref().sync_all() {
             // Pipes and the like cannot be synced.
             Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
@@ -87,6 +86,7 @@ pub(crate) struct WriterThread<W: Write> {
     /// The first error, once there was one: from then on records are taken off the queue and thrown away.
     messages: io::Result<MessageWriter<W>>,
     flush_interval_s: f64,
+    sync_on_finish: bool,
     /// The message time from which on a flush precedes the next message. Message times alone decide, so that the same
     /// records give the same bytes.
     flush_due: Option<Time>,
@@ -106,6 +106,7 @@ impl<W: Output> WriterThread<W> {
             shared,
             messages: Ok(messages),
             flush_interval_s: options.flush_interval_s,
+            sync_on_finish: options.sync_on_finish,
             flush_due: None,
             flush_after: options.flush_after,
             unflushed_since: None,
@@ -164,9 +165,7 @@ impl<W: Output> WriterThread<W> {
             && let Err(error) = act(messages)
         {
             self.shared.failed.store(true, Ordering::Relaxed);
-            if let Ok(messages) = std::mem::replace(&mut self.messages, Err(error)) {
-                messages.abandon();
-            }
+            self.messages = Err(error);
         }
     }
 
@@ -174,13 +173,15 @@ impl<W: Output> WriterThread<W> {
         let dropped = self.shared.dropped.load(Ordering::Relaxed).to_string();
         let end = BTreeMap::from([(DROPPED.to_owned(), dropped)]);
         let (messages, bytes, mut output) = self.messages?.finish(end)?;
-        output.get_mut().sync()?;
+        output.flush()?;
+        if self.sync_on_finish {
+            output.sync()?;
+        }
         Ok(Written { messages, bytes })
     }
 
     fn abandon(mut self) -> io::Result<()> {
         self.flush();
-        self.messages?.abandon();
-        Ok(())
+        self.messages.map(drop)
     }
 }

@@ -68,7 +68,8 @@ fn info_tells_what_a_recording_holds() {
             ("/control/state", 20),
             ("/dac/readback", 20),
             ("/loop/tick", 20),
-            ("/plant/pose", 100),
+            // One each 0.04 s, for at most thirty a second.
+            ("/plant/pose", 50),
             ("/plant/truth", 100),
             ("/rotor", 2),
             ("/tracker/position", 50),

@@ -4,7 +4,7 @@
 //! item is one integration step. A recorded flight includes making the file, writing it on the recorder's own thread, waiting for
 //! that thread, and closing the file. For figures of one core, pin the process: `taskset -c 1 cargo bench -p bench-run`.
 
-use std::{hint::black_box, path::Path};
+use std::{fs, hint::black_box, path::Path};
 
 use bench_device::Sticks;
 use bench_plant::{
@@ -52,7 +52,7 @@ fn fly(rig: &Rig, mission: &Mission, sink: &mut impl Sink) {
     assert!((flown.summary.duration_s - FLIGHT_S).abs() < 1e-6);
 }
 
-/// To a file in the system's folder for temporary files, with the options and the session of `bench sim`.
+/// To a new file in the system's folder for temporary files, with the options and the session of `bench sim`.
 #[divan::bench(args = MODELS, sample_count = 200)]
 fn recorded(bencher: Bencher, model: Model) {
     let (rig, folder) = (rig(model), tempdir().unwrap());
@@ -64,7 +64,9 @@ fn recorded(bencher: Bencher, model: Model) {
         ..Session::new(Mode::Sim)
     };
     let path = folder.path().join("flight.mcap");
-    bencher.counter(ItemsCount::new(FLIGHT_S as u64)).bench_local(|| {
+    // A new file each time: to empty that of the flight before would be a part of no flight.
+    let new_file = || drop(fs::remove_file(&path));
+    bencher.counter(ItemsCount::new(FLIGHT_S as u64)).with_inputs(new_file).bench_local_values(|()| {
         let mut recorder = Recorder::create(&path, &session, Options::SIMULATION).unwrap();
         fly(&rig, &mission, &mut recorder);
         recorder.finish().unwrap()

@@ -1,0 +1,97 @@
+//! Protobuf's wire format for messages whose layout is known: a few bytes a field, without the lengths that a general
+//! encoder works out beforehand. As in every proto3 writer, a field that is zero and not `optional` is left out.
+
+use bench_device::{Sticks, Time};
+
+const VARINT: u8 = 0;
+const FIXED_64: u8 = 1;
+const LENGTH_DELIMITED: u8 = 2;
+
+/// Appends fields to a message. Numbers of fields are 1 to 15, whose keys take one byte.
+pub(crate) struct Fields<'a>(pub &'a mut Vec<u8>);
+
+impl Fields<'_> {
+    pub fn integer(&mut self, number: u8, value: u64) {
+        if value != 0 {
+            self.0.push(key(number, VARINT));
+            self.varint(value);
+        }
+    }
+
+    /// The number of an enumeration's value, which is not negative.
+    pub fn enumeration(&mut self, number: u8, value: i32) {
+        self.integer(number, value.cast_unsigned().into());
+    }
+
+    /// Zero of either sign is left out.
+    pub fn double(&mut self, number: u8, value: f64) {
+        if value != 0.0 {
+            self.measured(number, Some(value));
+        }
+    }
+
+    /// An `optional` field, there whatever its value if it was measured.
+    pub fn measured(&mut self, number: u8, value: Option<f64>) {
+        if let Some(value) = value {
+            let mut field = [key(number, FIXED_64); 9];
+            field[1..].copy_from_slice(&value.to_le_bytes());
+            self.0.extend_from_slice(&field);
+        }
+    }
+
+    /// A message of doubles, numbered from 1.
+    pub fn doubles<const N: usize>(&mut self, number: u8, values: [f64; N]) {
+        self.message(number, |message| (1..).zip(values).for_each(|(i, value)| message.double(i, value)));
+    }
+
+    /// A message of `optional` doubles, numbered from 1.
+    pub fn all_measured<const N: usize>(&mut self, number: u8, values: [Option<f64>; N]) {
+        self.message(number, |message| (1..).zip(values).for_each(|(i, value)| message.measured(i, value)));
+    }
+
+    pub fn sticks(&mut self, number: u8, sticks: Sticks) {
+        let Sticks { throttle, pitch, roll, yaw } = sticks;
+        self.doubles(number, [throttle, pitch, roll, yaw]);
+    }
+
+    /// `google.protobuf.Timestamp`.
+    pub fn timestamp(&mut self, number: u8, time: Time) {
+        const NANOS: u64 = 1_000_000_000;
+        self.message(number, |timestamp| {
+            timestamp.integer(1, time.nanos() / NANOS);
+            timestamp.integer(2, time.nanos() % NANOS);
+        });
+    }
+
+    pub fn text(&mut self, number: u8, text: &str) {
+        if !text.is_empty() {
+            self.0.push(key(number, LENGTH_DELIMITED));
+            self.varint(text.len() as u64);
+            self.0.extend_from_slice(text.as_bytes());
+        }
+    }
+
+    /// A message within the message, of 127 bytes at most: its length takes one byte, which stands before it is known.
+    pub fn message(&mut self, number: u8, fill: impl FnOnce(&mut Fields)) {
+        self.0.extend_from_slice(&[key(number, LENGTH_DELIMITED), 0]);
+        let begin = self.0.len();
+        fill(&mut Fields(self.0));
+        let length = self.0.len() - begin;
+        assert!(length < 128, "field {number} takes {length} bytes");
+        self.0[begin - 1] = length as u8;
+    }
+
+    fn varint(&mut self, mut value: u64) {
+        while value >= 0x80 {
+            self.0.push(value as u8 | 0x80);
+            value >>= 7;
+        }
+        self.0.push(value as u8);
+    }
+}
+
+/// What stands before a field: its number and the kind of what follows.
+fn key(number: u8, kind: u8) -> u8 {
+    debug_assert!((1..16).contains(&number), "field {number}");
+    number << 3 | kind
+}
