@@ -107,7 +107,7 @@ impl Free {
     }
 
     /// Derivative of the value by the own scale.
-    fn slope(&self, value: f64) -> f64 {
+    pub(crate) fn slope(&self, value: f64) -> f64 {
         if self.logarithmic { value } else { 1.0 }
     }
 }

@@ -137,9 +137,8 @@ impl Law {
         };
         for (index, values) in &point.effects {
             match LIBRARY[*index].name {
-                "tracker-latency" => law.latency_s += values[0],
-                // A wait is never negative: its mean adds to the latency.
-                "tracker-jitter" => law.latency_s += values[0],
+                // A wait is never negative: jitter's mean adds to the latency.
+                "tracker-latency" | "tracker-jitter" => law.latency_s += values[0],
                 "tracker-scale" => law.scale = (1.0 + values[0], n[BIAS] + values[1]),
                 _ => {}
             }

@@ -9,18 +9,30 @@
 //! A Kalman filter (`pass`) predicts each sighting through the same laws that the simulator flies (`law`), and its
 //! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
 
+mod calibration;
 mod diagnose;
 mod direct;
 mod fit;
+mod gap;
+mod groups;
 mod law;
 mod pass;
 mod random;
 mod region;
+mod search;
+mod smooth;
+mod stage;
 mod track;
+mod weigh;
 
+pub use calibration::Calibration;
 pub use diagnose::{
-    Candidate, Diagnosis, FlightUsed, Gap, KStep, Number, ParameterValue, Place, RegionTold, Verdict,
+    Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, ParameterValue, Place,
+    RegionTold, Verdict,
 };
 pub use direct::Finding;
 pub use fit::Problem;
+pub use gap::{Consistency, Figure, FlightGap, Gap, KStep};
+pub use smooth::Trace;
+pub use stage::StageShare;
 pub use track::{Input, Sighting, Track, TrackError};

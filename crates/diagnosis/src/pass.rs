@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Law, Point},
+    smooth::Knot,
     track::{Sighting, Track},
 };
 
@@ -158,6 +159,8 @@ pub struct TrackPass {
     pub innovations: Vec<Innovation>,
     /// Squared errors of predictions over each of [`HORIZONS_S`] from the filtered state, m^2, with their number.
     pub predictions: [(f64, u32); 3],
+    /// What was known at each sighting; only where a trace was asked for.
+    pub knots: Vec<Knot>,
 }
 
 /// Horizons of prediction, s.
@@ -209,8 +212,8 @@ impl Probe {
 const DZ: f64 = 1e-4;
 const DV: f64 = 1e-3;
 /// Altitude, vertical speed, trim acceleration, turbulence.
-type State = [f64; 4];
-type Covariance = [[f64; 4]; 4];
+pub type State = [f64; 4];
+pub type Covariance = [[f64; 4]; 4];
 /// Longest integration step, s.
 const STEP_S: f64 = 0.034;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
@@ -243,6 +246,8 @@ struct Filter<'a> {
     probes: Vec<Probe>,
     forks: Vec<Fork>,
     standing: bool,
+    /// Where asked for: what was known at each sighting, and the transition since the last.
+    knots: Option<(Vec<Knot>, Covariance)>,
     next_fork_s: f64,
     x: State,
     p: Covariance,
@@ -274,49 +279,26 @@ pub fn run(tracks: &[Track], rig: &Rig, point: &Point, noise: &Noise, directions
     pass
 }
 
-fn fly_track(track: &Track, rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> TrackPass {
-    let twins = directions
-        .iter()
-        .map(|direction| {
-            let source = match direction {
-                Direction::Coordinate(at, step) => {
-                    let mut moved = point.clone();
-                    *moved.get_mut(*at) += step;
-                    Source::Law(Box::new(Law::new(&moved, rig)), step.recip())
-                }
-                Direction::Added(effect, values) => {
-                    let mut moved = point.clone();
-                    moved.effects.push((*effect, values.clone()));
-                    Source::Law(Box::new(Law::new(&moved, rig)), 1.0)
-                }
-                Direction::Hat(hat) => Source::Hat(*hat),
-                Direction::Wave(hz, phase_rad) => Source::Wave(std::f64::consts::TAU * hz, *phase_rad),
-            };
-            Twin { source, sensitivity: [0.0; 4] }
-        })
-        .collect();
-    let probes = Probe::around(noise);
-    let n = directions.len();
-    let filter = Filter {
-        law: Law::new(point, rig),
-        twins,
-        x: [0.0; 4],
-        around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
-        ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
-        offset: rig.airframe.thrust.offset.value,
-        p: initial_covariance(noise),
-        // Without directions only the likelihood is asked for.
-        probes: if directions.is_empty() { Vec::new() } else { probes.to_vec() },
-        forks: Vec::new(),
-        standing: true,
-        next_fork_s: track.begin_s + SETTLE_S,
-        noise,
-        row: vec![0.0; n],
-        lower: vec![0.0; n * (n + 1) / 2],
-        pass: TrackPass { gradient: DVector::zeros(n), ..TrackPass::default() },
-    };
-    filter.fly(track, rig)
+/// One track's pass.
+pub fn fly_track(
+    track: &Track,
+    rig: &Rig,
+    point: &Point,
+    noise: &Noise,
+    directions: &[Direction],
+) -> TrackPass {
+    Filter::new(track, rig, point, noise, directions).fly(track, rig)
 }
+
+/// What the filter knew at each sighting of a track.
+pub fn trace_track(track: &Track, rig: &Rig, point: &Point, noise: &Noise) -> Vec<Knot> {
+    let mut filter = Filter::new(track, rig, point, noise, &[]);
+    filter.knots = Some((Vec::new(), IDENTITY));
+    filter.fly(track, rig).knots
+}
+
+const IDENTITY: Covariance =
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
 
 fn initial_covariance(noise: &Noise) -> Covariance {
     let mut p = [[0.0; 4]; 4];
@@ -326,7 +308,50 @@ fn initial_covariance(noise: &Noise) -> Covariance {
     p
 }
 
-impl Filter<'_> {
+impl<'a> Filter<'a> {
+    fn new(track: &Track, rig: &Rig, point: &Point, noise: &'a Noise, directions: &[Direction]) -> Self {
+        let twins = directions
+            .iter()
+            .map(|direction| {
+                let source = match direction {
+                    Direction::Coordinate(at, step) => {
+                        let mut moved = point.clone();
+                        *moved.get_mut(*at) += step;
+                        Source::Law(Box::new(Law::new(&moved, rig)), step.recip())
+                    }
+                    Direction::Added(effect, values) => {
+                        let mut moved = point.clone();
+                        moved.effects.push((*effect, values.clone()));
+                        Source::Law(Box::new(Law::new(&moved, rig)), 1.0)
+                    }
+                    Direction::Hat(hat) => Source::Hat(*hat),
+                    Direction::Wave(hz, phase_rad) => Source::Wave(std::f64::consts::TAU * hz, *phase_rad),
+                };
+                Twin { source, sensitivity: [0.0; 4] }
+            })
+            .collect();
+        let n = directions.len();
+        Self {
+            law: Law::new(point, rig),
+            twins,
+            x: [0.0; 4],
+            around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
+            ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
+            offset: rig.airframe.thrust.offset.value,
+            p: initial_covariance(noise),
+            // Without directions only the likelihood is asked for.
+            probes: if directions.is_empty() { Vec::new() } else { Probe::around(noise).to_vec() },
+            forks: Vec::new(),
+            standing: true,
+            next_fork_s: track.begin_s + SETTLE_S,
+            knots: None,
+            noise,
+            row: vec![0.0; n],
+            lower: vec![0.0; n * (n + 1) / 2],
+            pass: TrackPass { gradient: DVector::zeros(n), ..TrackPass::default() },
+        }
+    }
+
     fn fly(mut self, track: &Track, rig: &Rig) -> TrackPass {
         let mut now = track.begin_s;
         let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
@@ -360,7 +385,8 @@ impl Filter<'_> {
                 information[(j, i)] = value;
             }
         }
-        TrackPass { information, ..self.pass }
+        let knots = self.knots.map(|(knots, _)| knots).unwrap_or_default();
+        TrackPass { information, knots, ..self.pass }
     }
 
     fn step(&mut self, h: f64, throttle: f64) {
@@ -413,6 +439,14 @@ impl Filter<'_> {
         }
         for fork in &mut self.forks {
             fork.aside = f.apply(fork.aside);
+        }
+        if let Some((_, since)) = &mut self.knots {
+            for j in 0..4 {
+                let moved = f.apply([since[0][j], since[1][j], since[2][j], since[3][j]]);
+                for (row, value) in since.iter_mut().zip(moved) {
+                    row[j] = value;
+                }
+            }
         }
         let axes = self.axes();
         for twin in &mut self.twins {
@@ -516,6 +550,7 @@ impl Filter<'_> {
             }
         }
         self.predict(sighting, residual, factor);
+        let predicted = (self.x, self.p);
         let k = learn(&mut self.p, factor, s, weight);
         for (x, k) in self.x.iter_mut().zip(k) {
             *x += k * residual;
@@ -541,6 +576,16 @@ impl Filter<'_> {
         }
         if self.x[0] < 0.0 {
             self.x[0] = 0.0;
+        }
+        if let Some((knots, since)) = &mut self.knots {
+            knots.push(Knot {
+                time_s: self.around.elapsed_s,
+                seen_m: sighting.z_m,
+                ratio: self.around.ratio,
+                predicted,
+                filtered: (self.x, self.p),
+                transition: std::mem::replace(since, IDENTITY),
+            });
         }
     }
 }

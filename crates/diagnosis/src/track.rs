@@ -19,8 +19,10 @@ pub struct Input {
 /// One altitude as seen by the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// Exposure as the tracker believes, s.
+    /// Exposure by the frames' clock where they keep one, else as the tracker believes, s.
     pub exposed_s: f64,
+    /// Exposure as the tracker believes, s.
+    pub believed_s: f64,
     /// Altitude, m.
     pub z_m: f64,
     /// Whether it is held against a prediction: not so for a while after the airframe came back to the ground, whose
@@ -47,6 +49,8 @@ pub struct Track {
     pub pins: Vec<Pin>,
     /// By how much iterations started late, s.
     pub lateness_s: Vec<f64>,
+    /// The same of each of `inputs`, against the usual; zero where it is not known.
+    pub late_s: Vec<f64>,
     /// How many frames came, as far as frames have a clock.
     pub frames_told: usize,
     /// Lengths of gaps between them, frames.
@@ -136,6 +140,7 @@ impl Track {
             .filter(|(_, position)| usable(position))
             .map(|(i, position)| Sighting {
                 exposed_s: clock.as_ref().map_or(position.exposed_at.seconds(), |clock| clock.exposed_s[i]),
+                believed_s: position.exposed_at.seconds(),
                 z_m: position.position_m[2],
                 counts: true,
             })
@@ -166,6 +171,7 @@ impl Track {
             sightings,
             timing_s,
             pins,
+            late_s: late_inputs_s(flight),
             lateness_s: lateness_s(flight),
             frames_told,
             bursts,
@@ -239,6 +245,23 @@ fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
 /// How late iterations started; against the usual interval where no schedule was kept.
 fn lateness_s(flight: &Flight) -> Vec<f64> {
     flight.ticks.iter().skip(1).map(|tick| tick.started.since_s(tick.scheduled)).collect()
+}
+
+/// How late each command's iteration started, against the median.
+fn late_inputs_s(flight: &Flight) -> Vec<f64> {
+    let mut usual: Vec<f64> = lateness_s(flight);
+    usual.sort_by(f64::total_cmp);
+    let usual_s = usual.get(usual.len() / 2).copied().unwrap_or(0.0);
+    flight
+        .commands
+        .iter()
+        .filter(|command| command.sticks.throttle.is_finite())
+        .map(|command| {
+            let after = flight.ticks.partition_point(|tick| tick.started <= command.time);
+            let tick = after.checked_sub(1).map(|i| &flight.ticks[i]);
+            tick.map_or(0.0, |tick| (tick.started.since_s(tick.scheduled) - usual_s).max(0.0))
+        })
+        .collect()
 }
 
 /// A tracker's frames against a regular clock.
@@ -340,13 +363,15 @@ fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
         .collect();
     periods.sort_by(f64::total_cmp);
     let period_s = periods.get(periods.len() / 2).copied().unwrap_or(period_s);
-    let excess = |i: usize| (arrived[i] - arrived[0]) / period_s - i as f64;
     let mut least = f64::INFINITY;
-    let mut numbers: Vec<i64> = (0..arrived.len())
+    let mut numbers: Vec<i64> = (0_i64..)
+        .zip(arrived)
+        .collect::<Vec<_>>()
+        .into_iter()
         .rev()
-        .map(|i| {
-            least = least.min(excess(i));
-            i as i64 + (least + 0.25).floor() as i64
+        .map(|(i, arrival)| {
+            least = least.min((arrival - arrived[0]) / period_s - i as f64);
+            i + (least + 0.25).floor() as i64
         })
         .collect();
     numbers.reverse();

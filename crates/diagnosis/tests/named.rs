@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use bench_diagnosis::{Diagnosis, Problem, Track, TrackError, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Model, Rig};
@@ -38,7 +38,7 @@ fn diagnose(effect: Option<&str>) -> Diagnosis {
         .zip(1..)
         .map(|(mission, seed)| Track::from_flight(mission, &fly(&real, mission, seed), &nominal).unwrap())
         .collect();
-    Diagnosis::of(&Problem::new(&tracks, &nominal))
+    Diagnosis::of(&Problem::new(&tracks, &nominal), &Calibration::built_in())
 }
 
 #[test]
@@ -60,9 +60,9 @@ fn effects_are_named_with_parameters_near_those_planted() {
         assert_eq!(diagnosis.verdict, Verdict::Effect, "{text}: {:#?}", diagnosis.candidates);
         assert_eq!(diagnosis.effects, [name], "{text}");
         let found = diagnosis.candidates[0].parameters.iter().find(|p| p.name == parameter).unwrap();
-        assert!((found.value - planted).abs() < 4.0 * found.std + 0.05 * planted, "{text}: {found:?}");
+        assert!((found.value - planted).abs() < found.high - found.low + 0.05 * planted, "{text}: {found:?}");
         let k = &diagnosis.gap.k_step_m;
-        let (before, after) = (k.nominal[1].unwrap(), k.with_effect[1].unwrap());
+        let (before, after) = (k.nominal[1].unwrap().value, k.with_effect[1].unwrap().value);
         assert!(after < before, "{text}: {before} m before, {after} m after");
     }
 }

@@ -1,7 +1,7 @@
 use std::{fmt::Write as _, path::PathBuf};
 
 use anyhow::bail;
-use bench_diagnosis::{Candidate, Diagnosis, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Candidate, Diagnosis, Figure, Problem, Track, Verdict};
 use bench_recording::Flight;
 use clap::Args;
 
@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             words::count(ignored as u64, "effect")
         ));
     }
-    let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig));
+    let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in());
     diagnosis.warnings = warnings;
     if arguments.json {
         words::print_json(&diagnosis)?;
@@ -73,9 +73,10 @@ fn in_words(diagnosis: &Diagnosis) -> String {
     let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
     let _ = writeln!(
         out,
-        "from {} with {}; probabilities are not calibrated for this rig yet",
+        "from {} with {}; probabilities by the {} calibration",
         words::count(diagnosis.flights.len() as u64, "flight"),
-        words::count(sightings as u64, "sighting")
+        words::count(sightings as u64, "sighting"),
+        diagnosis.calibration.source
     );
     out += "\nHypotheses\n";
     for candidate in diagnosis.candidates.iter().take(5) {
@@ -116,8 +117,9 @@ fn in_words(diagnosis: &Diagnosis) -> String {
         rows.push(("with the effect", k.with_effect));
     }
     for (name, errors) in rows {
-        let errors =
-            errors.map(|error| error.map_or("-".to_owned(), |metres| format!("{:.1} cm", 100.0 * metres)));
+        let errors = errors.map(|error: Option<Figure>| {
+            error.map_or("-".to_owned(), |e| format!("{:.1} cm", 100.0 * e.value))
+        });
         let _ = writeln!(out, "  {name:<22} {:>9} {:>9} {:>9}", errors[0], errors[1], errors[2]);
     }
     for warning in &diagnosis.warnings {
@@ -129,7 +131,7 @@ fn in_words(diagnosis: &Diagnosis) -> String {
 fn parameters(candidate: &Candidate) -> String {
     candidate.parameters.iter().fold(String::new(), |mut out, p| {
         let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
-        let _ = write!(out, "   {} = {:.3} ± {:.3}{unit}", p.name, p.value, p.std);
+        let _ = write!(out, "   {} = {:.3} ({:.3} to {:.3}){unit}", p.name, p.value, p.low, p.high);
         out
     })
 }

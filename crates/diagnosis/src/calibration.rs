@@ -1,0 +1,50 @@
+//! How evidence becomes probability.
+//!
+//! Evidence counts divided by a temperature: sightings are not as independent, nor laws as exact, as the likelihood
+//! thinks. Prior weights say how often a kind of cause is met.
+
+use serde::{Deserialize, Serialize};
+
+/// Numbers learnt on cases whose cause was known.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Evidence counts divided by this.
+    pub temperature: f64,
+    /// Natural logarithm of the weight of `none`.
+    pub ln_prior_none: f64,
+    /// The same of each single effect.
+    pub ln_prior_single: f64,
+    /// The same of each pair.
+    pub ln_prior_pair: f64,
+    /// The same of `unknown`.
+    pub ln_prior_unknown: f64,
+    /// Where the numbers are from.
+    pub source: String,
+    /// On how many cases they were learnt.
+    pub cases: usize,
+}
+
+impl Calibration {
+    /// What is used where a rig has none of its own.
+    pub fn built_in() -> Self {
+        Self {
+            temperature: 2.0,
+            ln_prior_none: 0.3_f64.ln(),
+            ln_prior_single: (0.45_f64 / 26.0).ln(),
+            ln_prior_pair: (0.15_f64 / 325.0).ln(),
+            ln_prior_unknown: 0.1_f64.ln(),
+            source: "built in".to_owned(),
+            cases: 0,
+        }
+    }
+
+    /// Logarithm of the weight of a hypothesis of so many effects.
+    pub(crate) fn ln_prior(&self, effects: &[usize]) -> f64 {
+        match effects.len() {
+            0 => self.ln_prior_none,
+            1 => self.ln_prior_single,
+            _ => self.ln_prior_pair,
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! How large the gap is, and how far it shrinks: on flights left out of the fit, with intervals over flights.
+
+use nalgebra::DVector;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::{
+    fit::{Fit, Problem},
+    law::Point,
+    pass::{Innovation, Noise, TrackPass, fly_track},
+    track::Track,
+};
+
+/// A figure with its interval of 90 % over flights; equal ends where there is one flight.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// The figure.
+    pub value: f64,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+/// The gap at four levels: the rig as it is, its numbers re-fitted, with the effect, and what is left to noise.
+#[derive(Clone, Debug, Serialize)]
+pub struct Gap {
+    /// Negative log-likelihood a sighting.
+    pub metric: &'static str,
+    /// The rig as it is.
+    pub nominal: Figure,
+    /// The rig's numbers re-fitted within their tolerances.
+    pub parameters_only: Figure,
+    /// With the best effect, numbers re-fitted.
+    pub with_effect: Figure,
+    /// What a right model would score.
+    pub floor: Figure,
+    /// Share of the gap above the floor that the effect closes beyond the re-fit.
+    pub closure: Option<Figure>,
+    /// Whether each flight was predicted by a fit to the others.
+    pub held_out: bool,
+    /// RMS prediction errors, m, at 0.5, 1 and 2 s.
+    pub k_step_m: KStep,
+    /// The same flight by flight.
+    pub flights: Vec<FlightGap>,
+}
+
+/// RMS prediction errors at 0.5, 1 and 2 s, m; `null` where flights are too short.
+#[derive(Clone, Debug, Serialize)]
+pub struct KStep {
+    /// The rig as it is.
+    pub nominal: [Option<Figure>; 3],
+    /// Its numbers re-fitted.
+    pub parameters_only: [Option<Figure>; 3],
+    /// With the best effect.
+    pub with_effect: [Option<Figure>; 3],
+}
+
+/// One flight's gap.
+#[derive(Clone, Debug, Serialize)]
+pub struct FlightGap {
+    /// Its name.
+    pub name: String,
+    /// Sightings held against a prediction.
+    pub sightings: usize,
+    /// Negative log-likelihood a sighting: the rig as it is, re-fitted, with the effect, floor.
+    pub nll: [f64; 4],
+    /// How the rig as it is predicts it.
+    pub nominal: Consistency,
+    /// How the best hypothesis predicts it.
+    pub with_effect: Consistency,
+}
+
+/// Whether innovations are what a filter with a right model would see.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Consistency {
+    /// Mean of squared innovations over their variance; 1 for a right model.
+    pub mean_nis: f64,
+    /// Probability that white innovations would look as correlated over ten lags (Ljung and Box), 0 to 1.
+    pub whiteness_p: f64,
+    /// Correlation of the innovations with the thrust, -1 to 1; 0 for a right model.
+    pub thrust_correlation: f64,
+}
+
+const RESAMPLES: usize = 400;
+/// Fewest flights of which one can be left out.
+const LEAST_FLIGHTS: usize = 3;
+
+/// What one flight adds up to at the levels rig, re-fitted, with effect.
+struct Sums {
+    sightings: f64,
+    nll: [f64; 3],
+    floor: f64,
+    /// Level, horizon: sum of squares and number.
+    predictions: [[(f64, f64); 3]; 3],
+}
+
+/// Measures the gap of the null and of a better fit.
+pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
+    let held_out = problem.tracks.len() >= LEAST_FLIGHTS;
+    // All levels at the same noise, or a level could pay for its errors by calling them noise; unless noise is the
+    // effect.
+    let with_effect = best.full_noise(problem);
+    let without = Noise {
+        jitter_s: null.noise.jitter_s,
+        outlier_probability: null.noise.outlier_probability,
+        outlier_m: null.noise.outlier_m,
+        ..if best.random.is_empty() { with_effect } else { null.noise }
+    };
+    let flown: Vec<[TrackPass; 3]> = (0..problem.tracks.len())
+        .into_par_iter()
+        .map(|i| {
+            let track = &problem.tracks[i];
+            let fly = |point: &Point, noise: &Noise| fly_track(track, problem.rig, point, noise, &[]);
+            let point = |fit: &Fit| if held_out { without_track(fit, i) } else { fit.point.clone() };
+            [fly(&problem.nominal, &without), fly(&point(null), &without), fly(&point(best), &with_effect)]
+        })
+        .collect();
+    let sums: Vec<Sums> = flown.iter().map(sums).collect();
+    let flights = problem
+        .tracks
+        .iter()
+        .zip(&flown)
+        .zip(&sums)
+        .map(|((track, passes), sums)| flight_gap(track, passes, sums));
+    let level = |k: usize| figure(&sums, |all| total(all, |s| s.nll[k]) / total(all, |s| s.sightings));
+    let floor_of = |all: &[&Sums]| total(all, |s| s.floor) / total(all, |s| s.sightings);
+    let closure_of = |all: &[&Sums]| {
+        let n = total(all, |s| s.sightings);
+        let (before, after) = (total(all, |s| s.nll[1]) / n, total(all, |s| s.nll[2]) / n);
+        let above = before - floor_of(all);
+        if above > 1e-6 { ((before - after) / above).clamp(-1.0, 1.0) } else { 0.0 }
+    };
+    let k_step = |k: usize| {
+        [0, 1, 2].map(|h| {
+            let rms = |all: &[&Sums]| {
+                (total(all, |s| s.predictions[k][h].0) / total(all, |s| s.predictions[k][h].1).max(1.0))
+                    .sqrt()
+            };
+            (sums.iter().any(|s| s.predictions[k][h].1 > 0.0)).then(|| figure(&sums, rms))
+        })
+    };
+    Gap {
+        metric: "mean negative log-likelihood of a sighting, nats",
+        nominal: level(0),
+        parameters_only: level(1),
+        with_effect: level(2),
+        floor: figure(&sums, floor_of),
+        closure: (!best.point.effects.is_empty()).then(|| figure(&sums, closure_of)),
+        held_out,
+        k_step_m: KStep { nominal: k_step(0), parameters_only: k_step(1), with_effect: k_step(2) },
+        flights: flights.collect(),
+    }
+}
+
+fn total(all: &[&Sums], of: impl Fn(&Sums) -> f64) -> f64 {
+    all.iter().map(|s| of(s)).sum()
+}
+
+/// A figure of all flights, and its spread over resampled flights.
+fn figure(sums: &[Sums], of: impl Fn(&[&Sums]) -> f64) -> Figure {
+    let value = of(&sums.iter().collect::<Vec<_>>());
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut drawn: Vec<f64> = (0..RESAMPLES)
+        .map(|_| of(&(0..sums.len()).map(|_| &sums[rng.random_range(0..sums.len())]).collect::<Vec<_>>()))
+        .collect();
+    drawn.sort_by(f64::total_cmp);
+    Figure {
+        value,
+        low: drawn[RESAMPLES / 20].min(value),
+        high: drawn[RESAMPLES - 1 - RESAMPLES / 20].max(value),
+    }
+}
+
+fn sums(passes: &[TrackPass; 3]) -> Sums {
+    let right = &passes[2].innovations;
+    Sums {
+        sightings: right.len() as f64,
+        nll: [0, 1, 2].map(|k| passes[k].nll),
+        floor: right.iter().map(|i| 0.5 + 0.5 * i.variance_m2.ln()).sum(),
+        predictions: [0, 1, 2].map(|k| passes[k].predictions.map(|(sum, n)| (sum, f64::from(n)))),
+    }
+}
+
+fn flight_gap(track: &Track, passes: &[TrackPass; 3], sums: &Sums) -> FlightGap {
+    let n = sums.sightings.max(1.0);
+    FlightGap {
+        name: track.name.clone(),
+        sightings: passes[2].innovations.len(),
+        nll: [sums.nll[0] / n, sums.nll[1] / n, sums.nll[2] / n, sums.floor / n],
+        nominal: consistency(&passes[0].innovations),
+        with_effect: consistency(&passes[2].innovations),
+    }
+}
+
+/// The fit without one track, by one Newton step: without it, its share of the gradient is what is left.
+fn without_track(fit: &Fit, track: usize) -> Point {
+    let Some(pass) = fit.pass.tracks.get(track) else { return fit.point.clone() };
+    let slopes =
+        DVector::from_iterator(fit.free.len(), fit.free.iter().map(|f| f.slope(fit.point.get(f.at))));
+    if pass.gradient.len() != slopes.len() {
+        return fit.point.clone();
+    }
+    let mut hessian = fit.hessian.clone();
+    for i in 0..slopes.len() {
+        for j in 0..slopes.len() {
+            hessian[(i, j)] -= pass.information[(i, j)] * slopes[i] * slopes[j];
+        }
+    }
+    let gradient = -pass.gradient.component_mul(&slopes);
+    let Some(step) = hessian.cholesky().map(|h| h.solve(&gradient)) else { return fit.point.clone() };
+    let mut point = fit.point.clone();
+    for (f, dx) in fit.free.iter().zip(step.iter()) {
+        let limit = 2.0 * f.sigma;
+        *point.get_mut(f.at) = f.value(f.own(point.get(f.at)) + dx.clamp(-limit, limit));
+    }
+    point
+}
+
+const LAGS: usize = 10;
+
+fn consistency(innovations: &[Innovation]) -> Consistency {
+    let n = innovations.len();
+    if n <= LAGS + 1 {
+        return Consistency { mean_nis: f64::NAN.max(0.0), whiteness_p: 1.0, thrust_correlation: 0.0 };
+    }
+    let normed: Vec<f64> = innovations.iter().map(|i| i.residual_m / i.variance_m2.sqrt()).collect();
+    let mean_nis = normed.iter().map(|x| x * x).sum::<f64>() / n as f64;
+    let mean = normed.iter().sum::<f64>() / n as f64;
+    let power: f64 = normed.iter().map(|x| (x - mean).powi(2)).sum::<f64>().max(1e-300);
+    // Ljung and Box, On a measure of lack of fit in time series models, Biometrika 65(2), 1978.
+    let q: f64 = (1..=LAGS)
+        .map(|lag| {
+            let r: f64 =
+                normed.iter().zip(&normed[lag..]).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>() / power;
+            (n * (n + 2)) as f64 * r * r / (n - lag) as f64
+        })
+        .sum();
+    let thrust: Vec<f64> = innovations.iter().map(|i| i.axes[2]).collect();
+    let mean_thrust = thrust.iter().sum::<f64>() / n as f64;
+    let thrust_power: f64 = thrust.iter().map(|x| (x - mean_thrust).powi(2)).sum();
+    let cross: f64 = normed.iter().zip(&thrust).map(|(a, b)| (a - mean) * (b - mean_thrust)).sum();
+    let scale = (power * thrust_power).sqrt();
+    Consistency {
+        mean_nis,
+        whiteness_p: chi_squared_tail(q, LAGS as f64),
+        thrust_correlation: if scale > 1e-12 { cross / scale } else { 0.0 },
+    }
+}
+
+/// Probability of a chi-squared variable beyond `x`, by Wilson and Hilferty's cube root (1931) and the normal tail of
+/// Abramowitz and Stegun, 26.2.17.
+fn chi_squared_tail(x: f64, degrees: f64) -> f64 {
+    let spread = 2.0 / (9.0 * degrees);
+    let z = ((x / degrees).cbrt() - (1.0 - spread)) / spread.sqrt();
+    let t = (1.0 + 0.231_641_9 * z.abs()).recip();
+    let series = t
+        * (0.319_381_530
+            + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
+    let tail = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * series;
+    if z >= 0.0 { tail } else { 1.0 - tail }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tail_of_chi_squared_is_that_of_tables() {
+        // 95th percentiles of 5, 10 and 20 degrees of freedom; the cube root is good to a few in a thousand.
+        for (x, degrees) in [(11.070, 5.0), (18.307, 10.0), (31.410, 20.0)] {
+            assert!((chi_squared_tail(x, degrees) - 0.05).abs() < 1e-3, "{x}");
+        }
+        assert!(chi_squared_tail(0.1, 10.0) > 0.999);
+    }
+}

@@ -1,0 +1,124 @@
+//! Which hypotheses are fitted: none, every effect, and pairs built forward on the best.
+
+use bench_plant::effects::LIBRARY;
+use rayon::prelude::*;
+
+use crate::{
+    fit::{Fit, Problem, Promise},
+    random::{self, is_random},
+};
+
+/// Effects whose law acts on altitude or on the tracker's view of it. The others show directly in readbacks, ticks and
+/// frames, or as noise.
+const FITTED: [&str; 16] = [
+    "tracker-latency",
+    "tracker-scale",
+    "actuator-lag",
+    "rotor-lag",
+    "thrust-curve",
+    "thrust-loss",
+    "battery-discharge",
+    "battery-load",
+    "ground-effect-shape",
+    "ground-effect-dynamic",
+    "ceiling-effect",
+    "updraft",
+    "mass-change",
+    "quadratic-drag",
+    "descent-thrust-loss",
+    "inflow-damping",
+];
+
+/// The best singles on which pairs are built.
+const PAIR_BASES: usize = 3;
+/// So many of the most promising are fitted.
+const SINGLES_REFINED: usize = 14;
+const PAIRS_REFINED: usize = 5;
+/// Gain, nats, below which nothing is built on a single, or no second is tried.
+const WORTH_A_SECOND: f64 = 2.0;
+
+/// All fits of one diagnosis: the null first.
+pub struct Search {
+    /// The fits.
+    pub fits: Vec<Fit>,
+}
+
+/// Library indices of the effects that the filter can fit.
+pub fn fitted_effects() -> Vec<usize> {
+    FITTED.iter().filter_map(|name| LIBRARY.iter().position(|spec| spec.name == *name)).collect()
+}
+
+impl Search {
+    /// Fits all hypotheses that are worth it.
+    pub fn of(problem: &Problem<'_>) -> Self {
+        let null = problem.fit_null();
+        let effects = fitted_effects();
+        // Where frames keep a clock, jitter shows in their arrivals or nowhere.
+        let clocked = problem.tracks.iter().any(|track| !track.waits_s.is_empty());
+        let random: Vec<usize> = (0..LIBRARY.len())
+            .filter(|effect| is_random(*effect) && !(clocked && LIBRARY[*effect].name == "tracker-jitter"))
+            .collect();
+        let promises = problem.promises(&null, &effects, SINGLES_REFINED);
+        let mut singles = refine(problem, &null, promises);
+        singles.par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, &null, *effect)));
+        singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+
+        // A second effect is worth a look only on top of a first one that is.
+        let bases: Vec<&Fit> = singles
+            .iter()
+            .filter(|single| !is_random(single.point.effects[0].0))
+            .take(PAIR_BASES)
+            .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
+            .collect();
+        let mut done: Vec<usize> = Vec::new();
+        let mut pairs: Vec<Fit> = Vec::new();
+        for (rank, base) in bases.iter().enumerate() {
+            done.extend(base.effects());
+            let others: Vec<usize> =
+                effects.iter().copied().filter(|effect| !done.contains(effect)).collect();
+            let promises = problem.promises(base, &others, PAIRS_REFINED);
+            let worth = promises.into_iter().filter(|promise| promise.gain > WORTH_A_SECOND).collect();
+            pairs.extend(refine(problem, base, worth));
+            if rank == 0 {
+                pairs.par_extend(
+                    random.par_iter().filter_map(|effect| random::fit_with(problem, base, *effect)),
+                );
+            }
+        }
+        let mut fits = vec![null];
+        fits.extend(singles);
+        fits.extend(pairs);
+        Self { fits }
+    }
+
+    /// Gain of log-evidence of a fit over the null's, nats.
+    pub fn gain(&self, fit: usize) -> f64 {
+        self.fits[fit].log_evidence - self.fits[0].log_evidence
+    }
+
+    /// The best gain of any one of these effects alone.
+    pub fn alone(&self, effects: &[usize]) -> f64 {
+        (1..self.fits.len())
+            .filter(|i| {
+                let own = &self.fits[*i].point.effects;
+                own.len() == 1 && effects.contains(&own[0].0)
+            })
+            .map(|i| self.gain(i))
+            .fold(0.0, f64::max)
+    }
+}
+
+/// Fits starts; of those of one effect, the better fit.
+fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>) -> Vec<Fit> {
+    let mut fits: Vec<Fit> =
+        promises.into_par_iter().map(|promise| problem.refine(promise.start, base.noise)).collect();
+    fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    let mut seen: Vec<Vec<usize>> = Vec::new();
+    fits.retain(|fit| {
+        let effects = fit.effects();
+        let new = !seen.contains(&effects);
+        seen.push(effects);
+        new
+    });
+    fits
+}

@@ -1,0 +1,104 @@
+//! The disturbance that the nominal law leaves, smoothed: to look at, not to regress on, for it is autocorrelated and
+//! drawn towards zero.
+
+use serde::Serialize;
+
+use crate::{
+    fit::{Fit, Problem},
+    pass::{Covariance, State, trace_track},
+};
+
+/// One flight as seen and as smoothed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Trace {
+    /// Its name.
+    pub name: String,
+    /// From take-off on, s.
+    pub time_s: Vec<f64>,
+    /// As seen, m.
+    pub seen_m: Vec<f64>,
+    /// As smoothed, m.
+    pub smoothed_m: Vec<f64>,
+    /// Acceleration that the re-fitted rig does not explain, m/s^2.
+    pub disturbance_m_s2: Vec<f64>,
+    /// One sigma of it, m/s^2.
+    pub sigma_m_s2: Vec<f64>,
+    /// Thrust commanded over weight.
+    pub thrust_to_weight: Vec<f64>,
+}
+
+/// What the filter knew at a sighting: before it (predicted), after it, and how the state moved from the one before.
+#[derive(Clone, Copy, Debug)]
+pub struct Knot {
+    /// Exposure, s from take-off.
+    pub time_s: f64,
+    /// Altitude as seen, m.
+    pub seen_m: f64,
+    /// Thrust over weight.
+    pub ratio: f64,
+    /// State and covariance before the sighting.
+    pub predicted: (State, Covariance),
+    /// After it.
+    pub filtered: (State, Covariance),
+    /// Transition from the sighting before.
+    pub transition: Covariance,
+}
+
+/// At most so many points a trace.
+const POINTS: usize = 400;
+
+/// Smooths every flight on top of a fit (Rauch, Tung and Striebel, Maximum likelihood estimates of linear dynamic
+/// systems, AIAA Journal 3(8), 1965).
+pub fn traces(problem: &Problem<'_>, fit: &Fit) -> Vec<Trace> {
+    let noise = fit.full_noise(problem);
+    problem
+        .tracks
+        .iter()
+        .map(|track| {
+            let knots = trace_track(track, problem.rig, &fit.point, &noise);
+            let smoothed = backward(&knots);
+            let every = knots.len().div_ceil(POINTS).max(1);
+            let mut trace = Trace {
+                name: track.name.clone(),
+                time_s: Vec::new(),
+                seen_m: Vec::new(),
+                smoothed_m: Vec::new(),
+                disturbance_m_s2: Vec::new(),
+                sigma_m_s2: Vec::new(),
+                thrust_to_weight: Vec::new(),
+            };
+            for (knot, (x, p)) in knots.iter().zip(&smoothed).step_by(every) {
+                trace.time_s.push(knot.time_s);
+                trace.seen_m.push(knot.seen_m);
+                trace.smoothed_m.push(x[0]);
+                trace.disturbance_m_s2.push(x[2] + x[3]);
+                trace.sigma_m_s2.push((p[2][2] + p[3][3] + 2.0 * p[2][3]).max(0.0).sqrt());
+                trace.thrust_to_weight.push(knot.ratio);
+            }
+            trace
+        })
+        .collect()
+}
+
+fn backward(knots: &[Knot]) -> Vec<(State, Covariance)> {
+    use nalgebra::{Matrix4, Vector4};
+    let matrix = |m: &Covariance| Matrix4::from_fn(|i, j| m[i][j]);
+    let mut out: Vec<(State, Covariance)> = knots.iter().map(|knot| knot.filtered).collect();
+    for k in (0..knots.len().saturating_sub(1)).rev() {
+        let next = &knots[k + 1];
+        let (x, p) = (Vector4::from(knots[k].filtered.0), matrix(&knots[k].filtered.1));
+        let predicted = matrix(&next.predicted.1) + Matrix4::identity() * 1e-14;
+        let Some(inverse) = predicted.try_inverse() else { continue };
+        let gain = p * matrix(&next.transition).transpose() * inverse;
+        let x = x + gain * (Vector4::from(out[k + 1].0) - Vector4::from(next.predicted.0));
+        let p = p + gain * (matrix(&out[k + 1].1) - predicted) * gain.transpose();
+        let mut covariance = [[0.0; 4]; 4];
+        for (i, row) in covariance.iter_mut().enumerate() {
+            for (j, value) in row.iter_mut().enumerate() {
+                *value = p[(i, j)];
+            }
+        }
+        out[k] = (x.into(), covariance);
+    }
+    out
+}

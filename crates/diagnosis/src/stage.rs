@@ -1,0 +1,182 @@
+//! Where the gap lies, by stage: one modelled signal after another is replaced by what was recorded or fitted, and the
+//! gain of likelihood is shared out over the stages.
+//!
+//! A stage's share is its mean gain over all orders in which stages may be replaced (Shapley, A Value for n-Person Games,
+//! 1953), so that shares add up whatever explains the same.
+
+use bench_plant::effects::LIBRARY;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::{
+    fit::{Fit, Problem},
+    gap::Figure,
+    law::Point,
+    pass::fly_track,
+    track::Track,
+};
+
+/// A stage's share of the gap between the rig as it is and the best hypothesis.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageShare {
+    /// `loop`, `output`, `frames`, `numbers`, or the stage of the effect.
+    pub stage: &'static str,
+    /// What replaced what.
+    pub replaced: &'static str,
+    /// Gain of log-likelihood, nats, with an interval of 90 % over flights.
+    pub gain_nats: Figure,
+    /// The gain as a share of all stages' gains, where they gain anything.
+    pub share: Option<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Player {
+    Loop,
+    Output,
+    Frames,
+    Numbers,
+    Effect,
+}
+
+const RESAMPLES: usize = 400;
+
+/// Shares of all stages that can be replaced in these flights.
+pub fn stages(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<StageShare> {
+    let differ = |change: fn(&mut Track)| {
+        problem.tracks.iter().any(|track| {
+            let mut changed = track.clone();
+            change(&mut changed);
+            changed != *track
+        })
+    };
+    let mut players = Vec::new();
+    if differ(as_scheduled) {
+        players.push(Player::Loop);
+    }
+    if differ(as_commanded) {
+        players.push(Player::Output);
+    }
+    if differ(as_believed) {
+        players.push(Player::Frames);
+    }
+    players.push(Player::Numbers);
+    if !best.point.effects.is_empty() {
+        players.push(Player::Effect);
+    }
+    // One value a coalition, flight by flight.
+    let values: Vec<Vec<f64>> =
+        (0..1_usize << players.len()).map(|set| value(problem, null, best, &players, set)).collect();
+    let flights = problem.tracks.len();
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let draws: Vec<Vec<usize>> =
+        (0..RESAMPLES).map(|_| (0..flights).map(|_| rng.random_range(0..flights)).collect()).collect();
+    let all: Vec<usize> = (0..flights).collect();
+    let gains: Vec<Figure> = (0..players.len())
+        .map(|player| {
+            let on = |flights: &[usize]| shapley(&values, players.len(), player, flights);
+            let mut drawn: Vec<f64> = draws.iter().map(|draw| on(draw)).collect();
+            drawn.sort_by(f64::total_cmp);
+            let value = on(&all);
+            Figure {
+                value,
+                low: drawn[RESAMPLES / 20].min(value),
+                high: drawn[RESAMPLES - 1 - RESAMPLES / 20].max(value),
+            }
+        })
+        .collect();
+    let total: f64 = gains.iter().map(|gain| gain.value.max(0.0)).sum();
+    let mut shares: Vec<StageShare> = players
+        .iter()
+        .zip(gains)
+        .map(|(player, gain_nats)| {
+            let (stage, replaced) = match player {
+                Player::Loop => ("loop", "scheduled by recorded times of the commands"),
+                Player::Output => ("output", "commanded by read-back outputs"),
+                Player::Frames => ("frames", "believed exposures by the frames' own clock"),
+                Player::Numbers => ("numbers", "the rig's numbers by fitted ones"),
+                Player::Effect => (
+                    LIBRARY[best.point.effects[0].0].stage.name(),
+                    "the nominal law by the law with the effect",
+                ),
+            };
+            let share = (total > 1.0).then(|| gain_nats.value.max(0.0) / total);
+            StageShare { stage, replaced, gain_nats, share }
+        })
+        .collect();
+    shares.sort_by(|a, b| b.gain_nats.value.total_cmp(&a.gain_nats.value));
+    shares
+}
+
+/// Log-likelihood of each flight with a set of stages replaced, all at the best hypothesis' noise.
+fn value(problem: &Problem<'_>, null: &Fit, best: &Fit, players: &[Player], set: usize) -> Vec<f64> {
+    let has = |player: Player| players.iter().enumerate().any(|(i, p)| *p == player && set >> i & 1 == 1);
+    let point = match (has(Player::Numbers), has(Player::Effect)) {
+        (false, false) => problem.nominal.clone(),
+        (true, false) => null.point.clone(),
+        (false, true) => Point { nuisances: problem.nominal.nuisances, ..best.point.clone() },
+        (true, true) => best.point.clone(),
+    };
+    let noise =
+        if has(Player::Effect) || best.random.is_empty() { best.full_noise(problem) } else { best.noise };
+    problem
+        .tracks
+        .par_iter()
+        .map(|track| {
+            let mut track = track.clone();
+            if players.contains(&Player::Loop) && !has(Player::Loop) {
+                as_scheduled(&mut track);
+            }
+            if players.contains(&Player::Output) && !has(Player::Output) {
+                as_commanded(&mut track);
+            }
+            if players.contains(&Player::Frames) && !has(Player::Frames) {
+                as_believed(&mut track);
+            }
+            -fly_track(&track, problem.rig, &point, &noise, &[]).nll
+        })
+        .collect()
+}
+
+/// Lateness below which a schedule is as good as the record, s.
+const ON_TIME_S: f64 = 0.003;
+
+fn as_scheduled(track: &mut Track) {
+    let late: Vec<f64> = track.late_s.clone();
+    for (input, late_s) in track.inputs.iter_mut().zip(late) {
+        if late_s > ON_TIME_S {
+            input.time_s -= late_s;
+        }
+    }
+}
+
+fn as_commanded(track: &mut Track) {
+    let pins = track.pins.clone();
+    let mut pins = pins.iter().peekable();
+    for input in &mut track.inputs {
+        while pins.next_if(|pin| pin.time_s < input.time_s).is_some() {}
+        if let Some(pin) = pins.next_if(|pin| pin.time_s == input.time_s) {
+            input.throttle = pin.commanded;
+        }
+    }
+}
+
+fn as_believed(track: &mut Track) {
+    for sighting in &mut track.sightings {
+        sighting.exposed_s = sighting.believed_s;
+    }
+}
+
+fn shapley(values: &[Vec<f64>], players: usize, player: usize, flights: &[usize]) -> f64 {
+    let sum = |set: usize| flights.iter().map(|i| values[set][*i]).sum::<f64>();
+    let factorial = |n: usize| (1..=n).map(|k| k as f64).product::<f64>();
+    (0..1_usize << players)
+        .filter(|set| set >> player & 1 == 0)
+        .map(|set| {
+            let size = set.count_ones() as usize;
+            let weight = factorial(size) * factorial(players - size - 1) / factorial(players);
+            weight * (sum(set | 1 << player) - sum(set))
+        })
+        .sum()
+}
