@@ -2,7 +2,7 @@
 //! answers, and scored by the key afterwards.
 //!
 //! - [`seal`] draws and flies cases into neutral recordings; what they are goes into a [`Key`] apart.
-//! - [`Answers`] hold what a tool, any tool, says of them; the file carries its own hash.
+//! - [`Answers`] hold what a tool, any tool, says of them; the file carries its own hash. [`Unfinished`] collects them.
 //! - [`open`] refuses a wrong key, changed recordings and changed answers, then gives a [`Score`]; [`page`] prints it.
 //!
 //! This crate must never depend on `bench-plant` or `bench-diagnosis`, nor take a line from them: a diagnosis that is
@@ -20,10 +20,12 @@ mod physics;
 mod random;
 mod score;
 mod seal;
+mod unfinished;
 
 pub use answers::{ANSWERS_SCHEMA, Answer, Answers, Interval, Told, Verdict, stamp};
 pub use cases::{Family, Ingredient, Parameter, Truth};
 pub use error::BlindError;
+pub use hash::of_file as sha256_of_file;
 pub use open::open;
 pub use page::page;
 pub use score::{
@@ -31,3 +33,4 @@ pub use score::{
     Score, TopOne, Unknown,
 };
 pub use seal::{KEY_SCHEMA, Key, Plan, SEAL_FILE, SEAL_SCHEMA, Seal, seal};
+pub use unfinished::{UNFINISHED_SCHEMA, Unfinished};

@@ -1,3 +1,5 @@
+mod answer;
+
 use std::{
     fs,
     hash::{BuildHasher, RandomState},
@@ -18,6 +20,7 @@ use crate::{exit::Exit, files, words};
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench blind seal --cases 60 -o blind/ --key blind-key.json
+  bench blind answer blind/ -o answers.json
   bench blind open blind/ --key blind-key.json --answers answers.json --html score.html
 
 docs/blind.md tells how answers are written, and what the scores mean.")]
@@ -29,6 +32,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Seal(SealArguments),
+    Answer(answer::AnswerArguments),
     Stamp(StampArguments),
     Open(OpenArguments),
 }
@@ -36,6 +40,7 @@ enum Command {
 pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     match arguments.command {
         Command::Seal(arguments) => seal(&arguments),
+        Command::Answer(arguments) => answer::answer(&arguments),
         Command::Stamp(arguments) => stamp(&arguments),
         Command::Open(arguments) => open(&arguments),
     }

@@ -3,3 +3,4 @@
 mod common;
 mod open;
 mod seal;
+mod unfinished;
