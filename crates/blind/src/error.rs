@@ -37,6 +37,12 @@ pub enum BlindError {
         /// Why.
         detail: String,
     },
+    /// What flights can show cannot be computed from this.
+    #[error("what flights can show cannot be computed: {detail}")]
+    Power {
+        /// Why.
+        detail: String,
+    },
     /// A file is not what it should be.
     #[error("{}: {detail}", path.display())]
     Malformed {

@@ -1,4 +1,5 @@
 mod answer;
+mod power;
 
 use std::{
     fs,
@@ -22,6 +23,7 @@ use crate::{exit::Exit, files, words};
   bench blind seal --cases 60 -o blind/ --key blind-key.json
   bench blind answer blind/ -o answers.json
   bench blind open blind/ --key blind-key.json --answers answers.json --html score.html
+  bench blind power --rig rigs/virtual.toml --missions rigs/missions/blind
 
 docs/blind.md tells how answers are written, and what the scores mean.")]
 pub struct Arguments {
@@ -35,6 +37,7 @@ enum Command {
     Answer(answer::AnswerArguments),
     Stamp(StampArguments),
     Open(OpenArguments),
+    Power(power::PowerArguments),
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
@@ -42,6 +45,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
         Command::Seal(arguments) => seal(&arguments),
         Command::Answer(arguments) => answer::answer(&arguments),
         Command::Stamp(arguments) => stamp(&arguments),
+        Command::Power(arguments) => power::power(arguments),
         Command::Open(arguments) => open(&arguments),
     }
 }
