@@ -155,3 +155,25 @@ fn what_is_no_seal_or_was_changed_is_not_answered() {
     assert!(words.contains("case-004/flight-1.mcap is gone"), "{words}");
     assert!(!scratch.path("answers.json").exists());
 }
+
+#[test]
+fn what_flights_can_show_is_told_in_words_and_json() {
+    let scratch = Scratch::new();
+    let mission = scratch.path("steps.toml");
+    fs::write(
+        &mission,
+        "name = \"steps\"\ndescription = \"short\"\n[[phase]]\nkind = \"launch\"\nthrust_to_weight = 1.12\nduration_s = 0.8\n\
+         [[phase]]\nkind = \"hold\"\naltitude_m = [[0.0, 0.3], [3.0, 0.3], [3.0, 0.6]]\nduration_s = 6.0\n",
+    )
+    .unwrap();
+    let mission = scratch.name("steps.toml");
+    let power = ["blind", "power", "--missions", &mission, "--draws", "1", "--effect", "tracker-latency"];
+    let told = json(&bench(power).arg("--json").assert().success());
+    assert_eq!(told["schema"], "bench.blind-power/1");
+    assert_eq!(told["missions"], serde_json::json!(["steps"]));
+    assert_eq!(told["forms"].as_array().unwrap().len(), 2);
+    let words = stdout(&bench(power).assert().success());
+    assert!(words.contains("late-frames") && words.contains("1 steps") && words.contains("none"), "{words}");
+    let words = refused(bench(["blind", "power", "--effect", "rotor-leg"]), 2);
+    assert!(words.contains("rotor-leg") && words.contains("rotor-lag"), "{words}");
+}

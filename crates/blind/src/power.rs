@@ -391,6 +391,9 @@ fn cosine(products: &DMatrix<f64>, i: usize, j: usize) -> Option<f64> {
     (own > least && other > least).then(|| (products[(i, j)].abs() / (own * other).sqrt()).min(1.0))
 }
 
+/// A value of the forms `i` and `j` from one draw's products.
+type OfForms<'a> = dyn Fn(&[DMatrix<f64>], usize, usize) -> Option<f64> + 'a;
+
 fn alike(kinds: &[(u64, &'static Kind)], products: &[Vec<DMatrix<f64>>]) -> (Vec<Group>, Vec<Cosine>) {
     let effects: BTreeSet<&str> = kinds.iter().map(|(_, kind)| kind.effect).collect();
     let effects: Vec<&str> = effects.into_iter().collect();
@@ -398,7 +401,7 @@ fn alike(kinds: &[(u64, &'static Kind)], products: &[Vec<DMatrix<f64>>]) -> (Vec
     let forms: Vec<Vec<usize>> = effects.iter().map(forms_of).collect();
     let last = products.first().map_or(0, |draw| draw.len().saturating_sub(1));
     // Nobody knows which form an effect takes: what counts is the two forms that are most alike. Mean over draws.
-    let over_draws = |a: usize, b: usize, value: &dyn Fn(&[DMatrix<f64>], usize, usize) -> Option<f64>| {
+    let over_draws = |a: usize, b: usize, value: &OfForms<'_>| {
         let values = products.iter().filter_map(|draw| {
             let of_forms = forms[a].iter().flat_map(|i| forms[b].iter().map(move |j| (*i, *j)));
             let alike = of_forms.filter_map(|(i, j)| Some((cosine(&draw[last], i, j)?, i, j)));
