@@ -79,7 +79,9 @@ pub struct FormPower {
     pub form: String,
     /// What a size is, with its unit.
     pub size_of: String,
-    /// d' by size.
+    /// Whether smaller is stronger: `seen_from` then holds the largest size that is seen, not the smallest.
+    pub stronger_when_small: bool,
+    /// d' by size, from the weakest to the strongest.
     pub curve: Vec<Point>,
     /// The size from which d' is 2, and 5, with all missions.
     pub seen_from: Vec<SeenFrom>,
@@ -107,13 +109,13 @@ pub struct Point {
 pub struct SeenFrom {
     /// At this d'.
     pub detectability: f64,
-    /// Median of the draws; absent where half of them or more do not show it at the largest size flown.
+    /// Median of the draws; absent where half of them or more do not show it at the strongest size flown.
     pub size: Option<f64>,
-    /// `size` is the smallest one flown: the effect is seen from there or below.
-    pub or_below: bool,
-    /// Smallest of the draws; absent where none shows it.
+    /// `size` is the weakest one flown: weaker ones may be seen, too.
+    pub or_weaker: bool,
+    /// Weakest of the draws; absent where none shows it.
     pub low: Option<f64>,
-    /// Largest of the draws; absent where one of them does not show it.
+    /// Strongest of the draws; absent where one of them does not show it.
     pub high: Option<f64>,
 }
 
@@ -218,19 +220,31 @@ pub fn power(plan: &PowerPlan, each: impl Fn(usize) + Sync) -> Result<Power, Bli
 
 /// A kind in one size on one airframe.
 struct Flown {
-    size: f64,
+    /// The size, or its inverse where smaller is stronger.
+    strength: f64,
     /// d' with all missions.
     all: f64,
     /// With each alone.
     alone: Vec<f64>,
 }
 
+/// Place of a step between the weakest (0) and the strongest (1).
 fn place(step: usize) -> f64 {
     step as f64 / (SIZES - 1) as f64
 }
 
+/// The same between the smallest and the largest size.
+fn place_of_size(kind: &Kind, place: f64) -> f64 {
+    if kind.is_stronger_when_small() { 1.0 - place } else { place }
+}
+
+/// A size's strength, and a strength's size.
+fn strength(kind: &Kind, size: f64) -> f64 {
+    if kind.is_stronger_when_small() { size.recip() } else { size }
+}
+
 fn fly(plan: &PowerPlan, kind: (u64, &Kind), draw: usize, step: usize) -> Result<Flown, BlindError> {
-    let case = cases::of_size(&plan.rig, plan.seed, draw as u64, kind, place(step));
+    let case = cases::of_size(&plan.rig, plan.seed, draw as u64, kind, place_of_size(kind.1, place(step)));
     let size = case.truth.ingredients.first().map_or(0.0, |ingredient| ingredient.size.abs());
     let mut all = Watch::new(&plan.rig, &case.lab);
     let mut alone = Vec::new();
@@ -241,10 +255,10 @@ fn fly(plan: &PowerPlan, kind: (u64, &Kind), draw: usize, step: usize) -> Result
         alone.push(own.detectability().0);
         Ok(())
     })?;
-    Ok(Flown { size, all: all.detectability().0, alone })
+    Ok(Flown { strength: strength(kind.1, size), all: all.detectability().0, alone })
 }
 
-/// The size, as a place between smallest and largest, from which an effect is plain; the largest where it never is.
+/// The place between weakest and strongest from which an effect is plain; the strongest where it never is.
 fn place_of_plain(flown: &[Flown]) -> f64 {
     let places: Vec<f64> = (0..SIZES).map(|step| (10.0 * place(step)).exp()).collect();
     let curve: Vec<f64> = flown.iter().map(|f| f.all).collect();
@@ -276,6 +290,7 @@ fn crossing(sizes: &[f64], curve: &[f64], threshold: f64) -> Crossing {
 }
 
 fn seen_from<'a>(
+    kind: &Kind,
     draws: usize,
     of: &dyn Fn(usize) -> &'a [Flown],
     curve_of: &dyn Fn(&Flown) -> f64,
@@ -284,7 +299,7 @@ fn seen_from<'a>(
         let mut below = 0;
         let mut sizes: Vec<f64> = (0..draws)
             .map(|draw| {
-                let sizes: Vec<f64> = of(draw).iter().map(|f| f.size).collect();
+                let sizes: Vec<f64> = of(draw).iter().map(|f| f.strength).collect();
                 let curve: Vec<f64> = of(draw).iter().map(curve_of).collect();
                 match crossing(&sizes, &curve, detectability) {
                     Crossing::Below => {
@@ -297,11 +312,11 @@ fn seen_from<'a>(
             })
             .collect();
         sizes.sort_by(f64::total_cmp);
-        let finite = |size: f64| Some(size).filter(|size| size.is_finite());
+        let finite = |found: f64| Some(found).filter(|x| x.is_finite()).map(|x| strength(kind, x));
         // A half that is infinite makes the mean of the middle two so, too.
         let size = median(sizes.iter().copied()).and_then(finite);
         let (low, high) = (finite(sizes[0]), finite(sizes[draws - 1]));
-        SeenFrom { detectability, size, or_below: size.is_some() && 2 * below > draws, low, high }
+        SeenFrom { detectability, size, or_weaker: size.is_some() && 2 * below > draws, low, high }
     };
     THRESHOLDS.map(at).to_vec()
 }
@@ -317,7 +332,7 @@ fn form_power<'a>(plan: &PowerPlan, kind: &Kind, of: &dyn Fn(usize) -> &'a [Flow
         .map(|step| {
             let seen = over_draws(&|flown| flown[step].all);
             Point {
-                size: middle(&over_draws(&|flown| flown[step].size)),
+                size: strength(kind, middle(&over_draws(&|flown| flown[step].strength))),
                 detectability: middle(&seen),
                 low: seen[0],
                 high: seen[plan.draws - 1],
@@ -326,7 +341,7 @@ fn form_power<'a>(plan: &PowerPlan, kind: &Kind, of: &dyn Fn(usize) -> &'a [Flow
         .collect();
     let missions = 0..plan.missions.len();
     let by_mission: Vec<Vec<SeenFrom>> =
-        missions.clone().map(|i| seen_from(plan.draws, of, &|flown| flown.alone[i])).collect();
+        missions.clone().map(|i| seen_from(kind, plan.draws, of, &|flown| flown.alone[i])).collect();
     // Best is what shows most of the smallest size that all missions together show plainly.
     let step = (0..SIZES)
         .find(|step| middle(&over_draws(&|flown| flown[*step].all)) >= THRESHOLDS[1])
@@ -337,8 +352,9 @@ fn form_power<'a>(plan: &PowerPlan, kind: &Kind, of: &dyn Fn(usize) -> &'a [Flow
         effect: kind.effect.to_owned(),
         form: kind.form.to_owned(),
         size_of: kind.size_of.to_owned(),
+        stronger_when_small: kind.is_stronger_when_small(),
         curve,
-        seen_from: seen_from(plan.draws, of, &|flown| flown.all),
+        seen_from: seen_from(kind, plan.draws, of, &|flown| flown.all),
         best_mission: best.filter(|best| shown[*best] >= 1.0),
         by_mission,
     }
@@ -357,7 +373,9 @@ fn responses(
     let cases: Vec<Case> = kinds
         .iter()
         .zip(places)
-        .map(|(kind, place)| cases::of_size(&plan.rig, plan.seed, number, *kind, *place))
+        .map(|(kind, place)| {
+            cases::of_size(&plan.rig, plan.seed, number, *kind, place_of_size(kind.1, *place))
+        })
         .collect();
     let labs: Vec<_> = cases.iter().map(|case| &case.lab).collect();
     let mut sum: Option<Responses> = None;

@@ -149,6 +149,13 @@ pub(crate) struct Kind {
     pub make: fn(&mut Draw<'_>, &Scale) -> Made,
 }
 
+impl Kind {
+    /// Whether a smaller size is the stronger effect: a limit bites the more, the lower it is.
+    pub(crate) fn is_stronger_when_small(&self) -> bool {
+        self.effect == "actuator-saturation"
+    }
+}
+
 const fn known(
     effect: &'static str,
     form: &'static str,

@@ -68,7 +68,7 @@ fn thresholds_lie_on_the_curve_and_the_same_seed_gives_the_same() {
     let one = shown(steps(), &["tracker-latency"]);
     for form in &one.forms {
         for seen in &form.seen_from {
-            let Some(size) = seen.size.filter(|_| !seen.or_below) else { continue };
+            let Some(size) = seen.size.filter(|_| !seen.or_weaker) else { continue };
             let below = form.curve.iter().filter(|point| point.size < 0.99 * size);
             let above = form.curve.iter().filter(|point| point.size > 1.01 * size);
             assert!(below.clone().all(|point| point.low < seen.detectability), "{form:?}");
@@ -77,6 +77,20 @@ fn thresholds_lie_on_the_curve_and_the_same_seed_gives_the_same() {
         }
     }
     assert_eq!(one, shown(steps(), &["tracker-latency"]));
+}
+
+#[test]
+fn a_limit_is_seen_up_to_where_it_bites_and_not_beyond() {
+    let steps = held("steps", "[[0.0, 0.3], [4.0, 0.3], [4.0, 0.6]]");
+    let power = shown(vec![steps], &["actuator-saturation"]);
+    for form in &power.forms {
+        assert!(form.stronger_when_small);
+        let (weakest, strongest) = (form.curve[0], form.curve[form.curve.len() - 1]);
+        assert!(weakest.size > strongest.size && strongest.detectability > 5.0, "{form:?}");
+        // The launch asks for 12 % above the weight: a limit above that cuts little, one far below it much.
+        let size = form.seen_from[1].size.unwrap();
+        assert!((0.08..0.22).contains(&size), "{form:?}");
+    }
 }
 
 #[test]

@@ -111,14 +111,18 @@ fn mission(power: &Power, index: usize) -> String {
 
 /// `0.012 (0.009 to 0.02)`.
 fn from(form: &FormPower, seen: &SeenFrom) -> String {
-    let largest = form.curve.last().map_or(0.0, |point| point.size);
+    let strongest = form.curve.last().map_or(0.0, |point| point.size);
     match (seen.size, seen.low, seen.high) {
         (Some(size), Some(low), Some(high)) => {
-            let sign = if seen.or_below { "<=" } else { "" };
+            let sign = match (seen.or_weaker, form.stronger_when_small) {
+                (false, _) => "",
+                (true, false) => "<=",
+                (true, true) => ">=",
+            };
             format!("{sign}{} ({} to {})", short(size), short(low), short(high))
         }
-        (Some(size), Some(low), None) => format!("{} ({} or more)", short(size), short(low)),
-        _ => format!("not up to {}", short(largest)),
+        (Some(size), Some(low), None) => format!("{} ({} to none)", short(size), short(low)),
+        _ => format!("not at {}", short(strongest)),
     }
 }
 
