@@ -2,6 +2,7 @@
 //!
 //! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
 
+mod blind_answer;
 mod commands;
 mod exit;
 mod files;

@@ -140,7 +140,8 @@ impl Answer {
         self.probabilities.get(label).copied().unwrap_or(0.0)
     }
 
-    fn check(&self) -> Result<(), String> {
+    /// Whether a scorer would take it; if not, why.
+    pub fn check(&self) -> Result<(), String> {
         let expected = if self.verdict == Verdict::Effect { 1..=2 } else { 0..=0 };
         if !expected.contains(&self.effects.len()) {
             return Err(format!("{} effects do not go with verdict {:?}", self.effects.len(), self.verdict));
@@ -188,7 +189,7 @@ impl Answers {
             tool: tool.into(),
             seal: seal.into(),
             sha256: NO_HASH.to_owned(),
-            cases,
+            cases: cases.into_iter().map(|(case, answer)| (case, answer.in_order())).collect(),
         }
     }
 

@@ -27,7 +27,7 @@ use crate::{
 
 /// Larger ones are all the same to everybody.
 const LARGEST: f64 = 1000.0;
-/// Below this altitude the airframe may stand on the floor, which hides every force, m.
+/// Below this altitude the airframe may stand on the floor, which hides every force that does not lift it, m.
 const FLOOR_M: f64 = 0.002;
 /// How many numbers in a second of flight tell of a random force: wind is slower than frames.
 const RANDOM_FORCE_PER_S: f64 = 4.0;
@@ -69,13 +69,30 @@ impl<'a> Watch<'a> {
             return;
         }
         let signals = self.signals(trace);
-        self.filter(trace, &signals);
+        let (gram, frames, variance) = (&mut self.gram, &mut self.frames, &mut self.innovation_variance);
+        self.airborne_s += innovations(self.rig, self.lab, trace, &signals, |whitened, own_variance| {
+            gram.ger(1.0, whitened, whitened, 1.0);
+            *frames += 1.0;
+            *variance += own_variance;
+        });
         for (fault, aside) in self.lab.faults.iter().zip(&mut self.aside) {
             if let Fault::Output(_) = fault {
                 *aside += readback_distance(self.rig, trace);
             }
         }
         self.iterations += trace.pins.len() as f64;
+    }
+
+    /// Takes into account what another watch of the same case saw.
+    pub(crate) fn absorb(&mut self, other: &Self) {
+        self.gram += &other.gram;
+        for (own, other) in self.aside.iter_mut().zip(&other.aside) {
+            *own += other;
+        }
+        self.frames += other.frames;
+        self.innovation_variance += other.innovation_variance;
+        self.iterations += other.iterations;
+        self.airborne_s += other.airborne_s;
     }
 
     /// d' of everything, and of each fault.
@@ -117,13 +134,7 @@ impl<'a> Watch<'a> {
 
     /// A signal's squared length, less what the rig's numbers can explain of it under their prior.
     fn beyond_numbers(&self, signal: usize) -> f64 {
-        let first = 1 + self.lab.faults.len();
-        let count = Numbers::NAMES.len();
-        let numbers = self.gram.view((first, first), (count, count)) + DMatrix::identity(count, count);
-        let cross = DVector::from_fn(count, |i, _| self.gram[(first + i, signal)]);
-        // The unit prior makes it positive definite.
-        let explained = numbers.cholesky().map_or(0.0, |c| cross.dot(&c.solve(&cross)));
-        (self.gram[(signal, signal)] - explained).max(0.0)
+        beyond_numbers(&self.gram, 1 + self.lab.faults.len())[(signal, signal)].max(0.0)
     }
 
     /// What every signal changes on a flight: acceleration on the grid, altitude at the frames.
@@ -139,108 +150,14 @@ impl<'a> Watch<'a> {
                 Some(i) if !keep(i) => sight_change(lab, trace),
                 _ => vec![0.0; trace.frames.len()],
             };
-            let force = as_flown.iter().zip(force).map(|(a, b)| a - b).collect();
-            signals.push(Signal { force, sight });
+            signals.push(Signal { force: difference(&as_flown, &force), sight });
         };
         without(&|i| is_random(&lab.faults[i]));
         for fault in 0..lab.faults.len() {
             without(&|i| i != fault);
         }
-        for (i, sigma) in self.sigma.iter().enumerate() {
-            let mut numbers = lab.numbers;
-            numbers.0[i] += sigma;
-            let mut signal =
-                Signal { force: vec![0.0; as_flown.len()], sight: vec![0.0; trace.frames.len()] };
-            if i == Numbers::LATENCY {
-                signal.sight = trace.frames.iter().map(|f| -sigma * trace.speed(f.exposed_s)).collect();
-            } else if *sigma > 0.0 {
-                let force = accelerations(lab, trace, numbers, all);
-                signal.force = force.iter().zip(&as_flown).map(|(a, b)| a - b).collect();
-            }
-            signals.push(signal);
-        }
+        signals.extend(of_numbers(lab, trace, &as_flown, &self.sigma));
         signals
-    }
-
-    /// Runs the observer's filter along a flight and adds the whitened signals' products.
-    fn filter(&mut self, trace: &Trace, signals: &[Signal]) {
-        let tracker = &self.rig.tracker;
-        let noise = tracker.noise_m.powi(2) + tracker.resolution_m.powi(2) / 12.0 + 1e-9;
-        let [mass_kg, drag, ..] = self.lab.numbers.0;
-        let wind = self.lab.turbulence;
-        let keep = (-GRID_S / wind.correlation_s).exp();
-        let wind_variance = (wind.sigma_m_s * drag / mass_kg).powi(2);
-        let transition = Matrix4::new(
-            1.0,
-            GRID_S,
-            0.5 * GRID_S * GRID_S,
-            0.5 * GRID_S * GRID_S,
-            0.0,
-            1.0 - GRID_S * drag / mass_kg,
-            GRID_S,
-            GRID_S,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            keep,
-        );
-        let mut drive = Matrix4::zeros();
-        drive[(3, 3)] = wind_variance * (1.0 - keep * keep);
-        let at_rest = [0.003_f64.powi(2), 0.03_f64.powi(2)];
-        let mut covariance = Matrix4::from_diagonal(&Vector4::new(
-            at_rest[0],
-            at_rest[1],
-            (TRIM_SIGMA * GRAVITY_M_S2).powi(2),
-            wind_variance,
-        ));
-        let mut errors = vec![Vector4::zeros(); signals.len()];
-        let mut whitened = DVector::zeros(signals.len());
-        let mut next_frame = 0;
-        for cell in 0..trace.path.len() - 1 {
-            if trace.path[cell][0] < FLOOR_M {
-                for (i, variance) in at_rest.into_iter().enumerate() {
-                    covariance.row_mut(i).fill(0.0);
-                    covariance.column_mut(i).fill(0.0);
-                    covariance[(i, i)] = variance;
-                    for error in &mut errors {
-                        error[i] = 0.0;
-                    }
-                }
-                while trace.frames.get(next_frame).is_some_and(|f| f.exposed_s < cell as f64 * GRID_S) {
-                    next_frame += 1;
-                }
-                continue;
-            }
-            self.airborne_s += GRID_S;
-            covariance = transition * covariance * transition.transpose() + drive;
-            for (error, signal) in errors.iter_mut().zip(signals) {
-                *error = transition * *error;
-                error[0] += 0.5 * GRID_S * GRID_S * signal.force[cell];
-                error[1] += GRID_S * signal.force[cell];
-            }
-            let end_s = (cell + 1) as f64 * GRID_S;
-            while let Some(frame) = trace.frames.get(next_frame).filter(|f| f.exposed_s < end_s) {
-                if frame.z_m.is_some() {
-                    let variance = covariance[(0, 0)] + noise;
-                    let gain = covariance.column(0) / variance;
-                    for ((error, signal), white) in errors.iter_mut().zip(signals).zip(whitened.iter_mut()) {
-                        let innovation = error[0] + signal.sight[next_frame];
-                        *white = innovation / variance.sqrt();
-                        *error -= gain * innovation;
-                    }
-                    self.gram.ger(1.0, &whitened, &whitened, 1.0);
-                    let seen = covariance.row(0).into_owned();
-                    covariance -= gain * seen;
-                    self.frames += 1.0;
-                    self.innovation_variance += variance;
-                }
-                next_frame += 1;
-            }
-        }
     }
 
     /// What a fault of the tracker or the loop shows in spreads and counts: twice the Kullback-Leibler divergence.
@@ -279,13 +196,199 @@ impl<'a> Watch<'a> {
     }
 }
 
+/// Runs the observer's filter along a flight and hands each frame's whitened signals and innovation variance to `each`.
+/// Returns how long the flight was in the air, s.
+fn innovations(
+    rig: &Rig,
+    lab: &Lab,
+    trace: &Trace,
+    signals: &[Signal],
+    mut each: impl FnMut(&DVector<f64>, f64),
+) -> f64 {
+    let tracker = &rig.tracker;
+    let noise = tracker.noise_m.powi(2) + tracker.resolution_m.powi(2) / 12.0 + 1e-9;
+    let [mass_kg, drag, ..] = lab.numbers.0;
+    let wind = lab.turbulence;
+    let keep = (-GRID_S / wind.correlation_s).exp();
+    let wind_variance = (wind.sigma_m_s * drag / mass_kg).powi(2);
+    let mut transition = Matrix4::new(
+        1.0,
+        GRID_S,
+        0.5 * GRID_S * GRID_S,
+        0.5 * GRID_S * GRID_S,
+        0.0,
+        1.0 - GRID_S * drag / mass_kg,
+        GRID_S,
+        GRID_S,
+        0.0,
+        0.0,
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        keep,
+    );
+    let mut drive = Matrix4::zeros();
+    drive[(3, 3)] = wind_variance * (1.0 - keep * keep);
+    let at_rest = [0.003_f64.powi(2), 0.03_f64.powi(2)];
+    let mut covariance = Matrix4::from_diagonal(&Vector4::new(
+        at_rest[0],
+        at_rest[1],
+        (TRIM_SIGMA * GRAVITY_M_S2).powi(2),
+        wind_variance,
+    ));
+    let mut errors = vec![Vector4::zeros(); signals.len()];
+    let mut whitened = DVector::zeros(signals.len());
+    let mut next_frame = 0;
+    let mut airborne_s = 0.0;
+    for cell in 0..trace.path.len() - 1 {
+        if trace.path[cell][0] < FLOOR_M {
+            for (i, variance) in at_rest.into_iter().enumerate() {
+                covariance.row_mut(i).fill(0.0);
+                covariance.column_mut(i).fill(0.0);
+                covariance[(i, i)] = variance;
+            }
+            // A lift-off that comes late is an error from there on; while both stand there is none.
+            for (error, signal) in errors.iter_mut().zip(signals) {
+                let force = signal.force[cell];
+                *error = if force == 0.0 { Vector4::zeros() } else { pushed(*error, force) };
+            }
+            while trace.frames.get(next_frame).is_some_and(|f| f.exposed_s < cell as f64 * GRID_S) {
+                next_frame += 1;
+            }
+            continue;
+        }
+        airborne_s += GRID_S;
+        transition[(1, 0)] = GRID_S * lab.numbers.cushion_per_s2(trace.path[cell][0]);
+        covariance = transition * covariance * transition.transpose() + drive;
+        for (error, signal) in errors.iter_mut().zip(signals) {
+            *error = pushed(transition * *error, signal.force[cell]);
+        }
+        let end_s = (cell + 1) as f64 * GRID_S;
+        while let Some(frame) = trace.frames.get(next_frame).filter(|f| f.exposed_s < end_s) {
+            if frame.z_m.is_some() {
+                let variance = covariance[(0, 0)] + noise;
+                let gain = covariance.column(0) / variance;
+                for ((error, signal), white) in errors.iter_mut().zip(signals).zip(whitened.iter_mut()) {
+                    let innovation = error[0] + signal.sight[next_frame];
+                    *white = innovation / variance.sqrt();
+                    *error -= gain * innovation;
+                }
+                each(&whitened, variance);
+                let seen = covariance.row(0).into_owned();
+                covariance -= gain * seen;
+            }
+            next_frame += 1;
+        }
+    }
+    airborne_s
+}
+
+/// An error after a cell of the grid in which the acceleration was off, m/s^2.
+fn pushed(mut error: Vector4<f64>, force: f64) -> Vector4<f64> {
+    error[0] += 0.5 * GRID_S * GRID_S * force;
+    error[1] += GRID_S * force;
+    error
+}
+
+/// What one sigma of each of the rig's numbers changes.
+fn of_numbers(lab: &Lab, trace: &Trace, as_flown: &[f64], sigma: &[f64; 7]) -> Vec<Signal> {
+    let change = |(i, sigma): (usize, &f64)| {
+        let mut signal = Signal::none(trace, as_flown.len());
+        if i == Numbers::LATENCY {
+            signal.sight = trace.frames.iter().map(|f| -sigma * trace.speed(f.exposed_s)).collect();
+        } else if *sigma > 0.0 {
+            let mut numbers = lab.numbers;
+            numbers.0[i] += sigma;
+            signal.force = difference(&accelerations(lab, trace, numbers, |_| true), as_flown);
+        }
+        signal
+    };
+    sigma.iter().enumerate().map(change).collect()
+}
+
+/// The products of the first `count` signals, less what the rig's numbers behind them explain under their unit prior.
+fn beyond_numbers(gram: &DMatrix<f64>, count: usize) -> DMatrix<f64> {
+    let numbers = gram.nrows() - count;
+    let own = gram.view((0, 0), (count, count)).into_owned();
+    let cross = gram.view((count, 0), (numbers, count)).into_owned();
+    let prior = gram.view((count, count), (numbers, numbers)) + DMatrix::identity(numbers, numbers);
+    // The prior makes it positive definite.
+    prior.cholesky().map_or_else(|| own.clone(), |c| &own - cross.transpose() * c.solve(&cross))
+}
+
+fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+/// What kinds of effects show on flights without any: products of their responses, one watch a mission.
+pub(crate) struct Responses {
+    /// Of readbacks.
+    pins: DMatrix<f64>,
+    /// Of whitened innovations, the rig's numbers behind the kinds.
+    gram: DMatrix<f64>,
+    kinds: usize,
+}
+
+impl Responses {
+    /// How the flight of `trace`, flown by `sound`, would have differed in each of `labs`, which are `sound` but for
+    /// their one fault.
+    pub(crate) fn of(rig: &Rig, sound: &Lab, trace: &Trace, labs: &[&Lab]) -> Self {
+        let as_flown = accelerations(sound, trace, sound.numbers, |_| true);
+        let sigma = Numbers::of(rig).1;
+        let mut signals: Vec<Signal> = labs
+            .iter()
+            .map(|lab| Signal {
+                force: difference(&accelerations(lab, trace, lab.numbers, |_| true), &as_flown),
+                sight: lab.camera.mean_change(&trace.frames, |t_s| trace.altitude(t_s)),
+            })
+            .collect();
+        signals.extend(of_numbers(sound, trace, &as_flown, &sigma));
+        let mut gram = DMatrix::zeros(signals.len(), signals.len());
+        innovations(rig, sound, trace, &signals, |whitened, _| gram.ger(1.0, whitened, whitened, 1.0));
+        let pins: Vec<DVector<f64>> = labs.iter().map(|lab| readback_change(rig, lab, trace)).collect();
+        let pins = DMatrix::from_fn(labs.len(), labs.len(), |i, j| pins[i].dot(&pins[j]));
+        Self { pins, gram, kinds: labs.len() }
+    }
+
+    pub(crate) fn absorb(&mut self, other: &Self) {
+        self.pins += &other.pins;
+        self.gram += &other.gram;
+    }
+
+    /// Products of the kinds' responses beyond what the rig's numbers explain; the diagonal is d' squared.
+    pub(crate) fn products(&self) -> DMatrix<f64> {
+        beyond_numbers(&self.gram, self.kinds) + &self.pins
+    }
+}
+
+/// By how many deviations of the readback's noise a lab's fault would have moved each pin.
+fn readback_change(rig: &Rig, lab: &Lab, trace: &Trace) -> DVector<f64> {
+    let Some(fault) = lab.output_fault() else { return DVector::zeros(trace.pins.len()) };
+    let (mut faulty, sigma) = converter(rig);
+    let change = trace.pins.iter().map(|[written_s, asked, pin]| {
+        let session_min = trace.setting.begins_min + written_s / 60.0;
+        (faulty.write(*asked, session_min, Some(fault)) - pin) / sigma
+    });
+    DVector::from_iterator(trace.pins.len(), change)
+}
+
+/// The rig's converter, and one sigma of what is read back from it.
+fn converter(rig: &Rig) -> (Converter, f64) {
+    let sticks = rig.airframe.sticks;
+    let range = sticks.max - sticks.min;
+    let sigma = rig.output.readback_noise_fraction.max(1e-5) * range;
+    (Converter::new(sticks.min, sticks.max, rig.output.bits), sigma)
+}
+
 /// Twice the divergence of a normal number whose variance has grown by `more` of itself.
 fn excess(more: f64) -> f64 {
     (more - more.ln_1p()).max(0.0)
 }
 
 /// A fault whose force no one can predict.
-fn is_random(fault: &Fault) -> bool {
+pub(crate) fn is_random(fault: &Fault) -> bool {
     matches!(fault, Fault::Gust(_) | Fault::Miss(..))
 }
 
@@ -294,6 +397,12 @@ struct Signal {
     force: Vec<f64>,
     /// m, a value for each frame.
     sight: Vec<f64>,
+}
+
+impl Signal {
+    fn none(trace: &Trace, cells: usize) -> Self {
+        Self { force: vec![0.0; cells], sight: vec![0.0; trace.frames.len()] }
+    }
 }
 
 impl Trace {
@@ -335,7 +444,7 @@ impl Trace {
     }
 }
 
-/// Acceleration along the flown path, without the floor, under other numbers or with some faults alone.
+/// Acceleration along the flown path, none while standing, under other numbers or with some faults alone.
 fn accelerations(lab: &Lab, trace: &Trace, numbers: Numbers, keep: impl Fn(usize) -> bool) -> Vec<f64> {
     let kept = |wanted: fn(&Fault) -> bool| lab.faults.iter().position(wanted).is_none_or(&keep);
     let gusty = kept(|fault| matches!(fault, Fault::Gust(_)));
@@ -361,7 +470,9 @@ fn accelerations(lab: &Lab, trace: &Trace, numbers: Numbers, keep: impl Fn(usize
         let (before, _) = at(begin_s, &memory);
         integrator.advance(begin_s, end_s, &mut memory, |t_s, memory| at(t_s, memory).1);
         let (after, _) = at(end_s, &memory);
-        accelerations.push(0.5 * (before + after));
+        let mean = 0.5 * (before + after);
+        // The floor bears what does not lift.
+        accelerations.push(if z0 < FLOOR_M { mean.max(0.0) } else { mean });
     }
     accelerations
 }
@@ -377,10 +488,7 @@ fn sight_change(lab: &Lab, trace: &Trace) -> Vec<f64> {
 
 /// Squared distance of the pins from a sound converter's, in the readback's noise.
 fn readback_distance(rig: &Rig, trace: &Trace) -> f64 {
-    let sticks = rig.airframe.sticks;
-    let range = sticks.max - sticks.min;
-    let sigma = rig.output.readback_noise_fraction.max(1e-5) * range;
-    let mut sound = Converter::new(sticks.min, sticks.max, rig.output.bits);
+    let (mut sound, sigma) = converter(rig);
     let distance = |[_, asked, pin]: &[f64; 3]| ((pin - sound.write(*asked, 0.0, None)) / sigma).powi(2);
     trace.pins.iter().map(distance).sum()
 }

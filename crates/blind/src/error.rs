@@ -37,6 +37,12 @@ pub enum BlindError {
         /// Why.
         detail: String,
     },
+    /// What flights can show cannot be computed from this.
+    #[error("what flights can show cannot be computed: {detail}")]
+    Power {
+        /// Why.
+        detail: String,
+    },
     /// A file is not what it should be.
     #[error("{}: {detail}", path.display())]
     Malformed {
@@ -76,6 +82,23 @@ pub enum BlindError {
         told: String,
         /// Their hash.
         found: String,
+    },
+    /// Another run is answering into the same file.
+    #[error("{} is in use: another run is answering into it", path.display())]
+    Busy {
+        /// The unfinished answers.
+        path: PathBuf,
+    },
+    /// Unfinished answers of another program or to another seal are in the way.
+    #[error(
+        "{} has unfinished answers of another run ({whose}); remove it to answer from the beginning, or name another output",
+        path.display()
+    )]
+    OtherUnfinished {
+        /// The unfinished answers.
+        path: PathBuf,
+        /// Tool, program and seal.
+        whose: String,
     },
     /// The answers are to other cases.
     #[error("the answers {} are to another seal ({told}); this one is {sealed}", path.display())]

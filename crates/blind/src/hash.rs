@@ -31,6 +31,7 @@ pub(crate) fn of(bytes: &[u8]) -> String {
     Sha::new().and(bytes).finish()
 }
 
-pub(crate) fn of_file(path: &Path) -> Result<String, BlindError> {
+/// SHA-256 of a file in hexadecimal digits.
+pub fn of_file(path: &Path) -> Result<String, BlindError> {
     Ok(of(&fs::read(path).map_err(BlindError::io("read", path))?))
 }

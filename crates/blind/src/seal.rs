@@ -84,6 +84,12 @@ impl Seal {
     pub fn cases(&self) -> BTreeSet<&str> {
         self.files.keys().filter_map(|file| Some(file.split_once('/')?.0)).collect()
     }
+
+    /// A case's recordings in the order in which they were flown, as names inside the sealed folder.
+    pub fn flights(&self, case: &str) -> Vec<String> {
+        let named = (0..self.missions.len()).map(|i| format!("{case}/{}", flight_file(i)));
+        named.filter(|file| self.files.contains_key(file)).collect()
+    }
 }
 
 impl Plan {

@@ -1,3 +1,6 @@
+mod answer;
+mod power;
+
 use std::{
     fs,
     hash::{BuildHasher, RandomState},
@@ -18,7 +21,9 @@ use crate::{exit::Exit, files, words};
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench blind seal --cases 60 -o blind/ --key blind-key.json
+  bench blind answer blind/ -o answers.json
   bench blind open blind/ --key blind-key.json --answers answers.json --html score.html
+  bench blind power --rig rigs/virtual.toml --missions rigs/missions/blind
 
 docs/blind.md tells how answers are written, and what the scores mean.")]
 pub struct Arguments {
@@ -29,14 +34,18 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Seal(SealArguments),
+    Answer(answer::AnswerArguments),
     Stamp(StampArguments),
     Open(OpenArguments),
+    Power(power::PowerArguments),
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     match arguments.command {
         Command::Seal(arguments) => seal(&arguments),
+        Command::Answer(arguments) => answer::answer(&arguments),
         Command::Stamp(arguments) => stamp(&arguments),
+        Command::Power(arguments) => power::power(arguments),
         Command::Open(arguments) => open(&arguments),
     }
 }

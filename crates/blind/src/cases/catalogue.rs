@@ -3,6 +3,8 @@
 //! Sizes are uniform in the logarithm, from what no one can see to what no one can miss; what can be seen in a drawn
 //! case is computed, not guessed ([`crate::detect`]).
 
+use std::ops::{Deref, DerefMut};
+
 use bench_rig::Rig;
 
 use super::{Fault, Parameter};
@@ -94,6 +96,43 @@ impl Made {
 /// What a flight of half a minute draws, in minutes of hover: losses are told as their mean over it.
 const FLIGHT_MIN: f64 = 0.45;
 
+/// Random numbers of one case, in which the size may be chosen instead of drawn.
+pub(crate) struct Draw<'a> {
+    random: &'a mut Random,
+    /// Place of the size between the smallest (0) and the largest (1), on a logarithmic scale; drawn without one.
+    at: Option<f64>,
+}
+
+impl<'a> Draw<'a> {
+    pub(crate) fn any(random: &'a mut Random) -> Self {
+        Self { random, at: None }
+    }
+
+    pub(crate) fn of_size(random: &'a mut Random, at: f64) -> Self {
+        Self { random, at: Some(at) }
+    }
+
+    /// A size, uniform in the logarithm; all else that is drawn is the same whether it is chosen or not.
+    fn size(&mut self, smallest: f64, largest: f64) -> f64 {
+        let drawn = log_uniform(self.random, smallest, largest);
+        self.at.map_or(drawn, |at| smallest * (largest / smallest).powf(at))
+    }
+}
+
+impl Deref for Draw<'_> {
+    type Target = Random;
+
+    fn deref(&self) -> &Random {
+        self.random
+    }
+}
+
+impl DerefMut for Draw<'_> {
+    fn deref_mut(&mut self) -> &mut Random {
+        self.random
+    }
+}
+
 /// A kind of case.
 pub(crate) struct Kind {
     /// The foreign form's own name.
@@ -107,7 +146,14 @@ pub(crate) struct Kind {
     pub regions: &'static [&'static str],
     /// Kept for a seal whose scores are published.
     pub reserved: bool,
-    pub make: fn(&mut Random, &Scale) -> Made,
+    pub make: fn(&mut Draw<'_>, &Scale) -> Made,
+}
+
+impl Kind {
+    /// Whether a smaller size is the stronger effect: a limit bites the more, the lower it is.
+    pub(crate) fn is_stronger_when_small(&self) -> bool {
+        self.effect == "actuator-saturation"
+    }
 }
 
 const fn known(
@@ -115,7 +161,7 @@ const fn known(
     form: &'static str,
     [size_of, stage]: [&'static str; 2],
     regions: &'static [&'static str],
-    make: fn(&mut Random, &Scale) -> Made,
+    make: fn(&mut Draw<'_>, &Scale) -> Made,
 ) -> Kind {
     Kind { form, effect, size_of, stage, regions, reserved: false, make }
 }
@@ -124,7 +170,7 @@ const fn outside(
     form: &'static str,
     [size_of, stage]: [&'static str; 2],
     regions: &'static [&'static str],
-    make: fn(&mut Random, &Scale) -> Made,
+    make: fn(&mut Draw<'_>, &Scale) -> Made,
 ) -> Kind {
     Kind { form, effect: "", size_of, stage, regions, reserved: false, make }
 }
@@ -137,92 +183,92 @@ const fn reserved(kind: &Kind) -> Kind {
 pub(crate) const KINDS: &[Kind] = &[
     // Tracker
     known("tracker-latency", "late-frames", ["extra latency, s", "tracker"], &[], |r, _| {
-        let extra_s = log_uniform(r, 0.004, 0.15);
+        let extra_s = r.size(0.004, 0.15);
         Made::of(Fault::Tracker(TrackerFault::Late { extra_s }), extra_s).with("extra_s", extra_s)
     }),
     known("tracker-latency", "beating-clocks", ["mean extra latency, s", "tracker"], &[], |r, _| {
-        let mean_s = log_uniform(r, 0.0015, 0.08);
+        let mean_s = r.size(0.0015, 0.08);
         // The beat alone must stay below half a frame, or it would be jitter.
         let frames = uniform(r, 200.0, 500.0);
         let fault = TrackerFault::Beat { mean_s, frames };
         Made::of(Fault::Tracker(fault), mean_s).with("extra_s", mean_s)
     }),
     known("tracker-jitter", "queue", ["deviation of the wait, s", "tracker"], &[], |r, _| {
-        let (mean_s, shape) = (log_uniform(r, 0.0002, 0.03), uniform(r, 1.5, 3.0));
+        let (mean_s, shape) = (r.size(0.0002, 0.03), uniform(r, 1.5, 3.0));
         let sigma_s = mean_s / shape.sqrt();
         Made::of(Fault::Tracker(TrackerFault::Queue { mean_s, shape }), sigma_s).with("sigma_s", sigma_s)
     }),
     known("tracker-jitter", "held-up-frames", ["deviation of the wait, s", "tracker"], &[], |r, _| {
-        let (probability, wait_s) = (uniform(r, 0.1, 0.4), log_uniform(r, 0.0004, 0.06));
+        let (probability, wait_s) = (uniform(r, 0.1, 0.4), r.size(0.0004, 0.06));
         let sigma_s = wait_s * (probability * (1.0 - probability)).sqrt();
         let fault = TrackerFault::HeldUp { probability, wait_s };
         Made::of(Fault::Tracker(fault), sigma_s).with("sigma_s", sigma_s)
     }),
     known("tracker-scale", "scale", ["scale error, 1", "tracker"], &["altitude"], |r, _| {
-        let error = sign(r) * log_uniform(r, 0.002, 0.12);
-        let bias_m = sign(r) * log_uniform(r, 0.0005, 0.015);
+        let error = sign(r) * r.size(0.002, 0.12);
+        let bias_m = sign(r) * r.size(0.0005, 0.015);
         Made::of(Fault::Tracker(TrackerFault::Scale { error, bias_m }), error)
             .with("scale_error", error)
             .with("bias_m", bias_m)
     }),
     known("tracker-scale", "bent-lens", ["scale error, 1", "tracker"], &["altitude"], |r, _| {
-        let error = sign(r) * log_uniform(r, 0.002, 0.12);
-        let bias_m = sign(r) * log_uniform(r, 0.0005, 0.01);
+        let error = sign(r) * r.size(0.002, 0.12);
+        let bias_m = sign(r) * r.size(0.0005, 0.01);
         let fault = TrackerFault::Lens { error, bias_m, bend_per_m: 0.15 * error };
         Made::of(Fault::Tracker(fault), error).with("scale_error", error)
     }),
     known("tracker-noise", "heavy-tails", ["noise, m", "tracker"], &[], |r, _| {
-        let sigma_m = log_uniform(r, 0.0004, 0.012);
+        let sigma_m = r.size(0.0004, 0.012);
         Made::of(Fault::Tracker(TrackerFault::HeavyTails { sigma_m }), sigma_m).with("sigma_m", sigma_m)
     }),
     known("tracker-noise", "wandering-mark", ["noise, m", "tracker"], &[], |r, _| {
-        let (sigma_m, frames) = (log_uniform(r, 0.0004, 0.012), uniform(r, 0.4, 1.5));
+        let (sigma_m, frames) = (r.size(0.0004, 0.012), uniform(r, 0.4, 1.5));
         let fault = TrackerFault::Wander { sigma_m, frames };
         Made::of(Fault::Tracker(fault), sigma_m).with("sigma_m", sigma_m)
     }),
     known("tracker-dropout", "bursts", ["share of frames, 1", "tracker"], &[], |r, _| {
-        let (probability, mean_frames) = (log_uniform(r, 0.0005, 0.15), uniform(r, 2.0, 8.0));
+        let (probability, mean_frames) = (r.size(0.0005, 0.15), uniform(r, 2.0, 8.0));
         Made::of(Fault::Tracker(TrackerFault::Bursts { probability, mean_frames }), probability)
             .with("probability", probability)
             .with("mean_burst_frames", mean_frames)
     }),
     known("tracker-dropout", "occlusions", ["share of frames, 1", "tracker"], &[], |r, _| {
-        let (probability, mean_frames) = (log_uniform(r, 0.001, 0.15), uniform(r, 3.0, 10.0));
+        let (probability, mean_frames) = (r.size(0.001, 0.15), uniform(r, 3.0, 10.0));
         Made::of(Fault::Tracker(TrackerFault::Occlusions { probability, mean_frames }), probability)
             .with("probability", probability)
             .with("mean_burst_frames", mean_frames)
     }),
     known("tracker-outliers", "strays", ["share of frames, 1", "tracker"], &[], |r, _| {
-        let (probability, sigma_m) = (log_uniform(r, 0.0002, 0.04), log_uniform(r, 0.012, 0.25));
+        let (probability, sigma_m) = (r.size(0.0002, 0.04), log_uniform(r, 0.012, 0.25));
         Made::of(Fault::Tracker(TrackerFault::Strays { probability, sigma_m }), probability)
             .with("probability", probability)
             .with("sigma_m", sigma_m)
     }),
     known("tracker-outliers", "wrong-mark", ["share of frames, 1", "tracker"], &[], |r, _| {
-        let (probability, offset_m) = (log_uniform(r, 0.0002, 0.04), sign(r) * log_uniform(r, 0.012, 0.25));
+        let (probability, offset_m) = (r.size(0.0002, 0.04), sign(r) * log_uniform(r, 0.012, 0.25));
         Made::of(Fault::Tracker(TrackerFault::WrongMark { probability, offset_m }), probability)
             .with("probability", probability)
     }),
     // Loop
     known("loop-overrun", "long-tail", ["share of iterations, 1", "loop"], &[], |r, _| {
-        let (probability, mean_s) = (log_uniform(r, 0.001, 0.2), log_uniform(r, 0.004, 0.06));
+        let (probability, mean_s) = (r.size(0.001, 0.2), log_uniform(r, 0.004, 0.06));
         Made::of(Fault::Loop(LoopFault::LongTail { probability, mean_s }), probability)
             .with("probability", probability)
             .with("mean_s", mean_s)
     }),
     known("loop-overrun", "collector", ["pause, s", "loop"], &[], |r, _| {
-        let (every, pause_s) = (uniform(r, 5.0, 50.0).round(), log_uniform(r, 0.0005, 0.09));
+        let (every, pause_s) = (uniform(r, 5.0, 50.0).round(), r.size(0.0005, 0.09));
         Made::of(Fault::Loop(LoopFault::Collector { every, pause_s }), pause_s)
             .with("probability", 1.0 / every)
             .with("mean_s", pause_s)
     }),
     // Actuator
     known("actuator-lag", "radio-delay", ["delay, s", "actuator"], &["lagged-throttle"], |r, _| {
-        let delay_s = log_uniform(r, 0.0018, 0.15);
+        let delay_s = r.size(0.0018, 0.15);
         Made::of(Fault::Radio(RadioFault::Delay { delay_s }), delay_s).with("time_constant_s", delay_s)
     }),
     known("actuator-lag", "radio-frames", ["mean delay, s", "actuator"], &["lagged-throttle"], |r, _| {
-        let period_s = log_uniform(r, 0.0022, 0.12);
+        let period_s = r.size(0.0022, 0.12);
         let fault = RadioFault::Frames { period_s, phase_s: uniform(r, 0.0, period_s) };
         Made::of(Fault::Radio(fault), period_s).with("time_constant_s", period_s)
     }),
@@ -232,7 +278,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["sum of time constants, s", "actuator"],
         &["lagged-throttle"],
         |r, s| {
-            let total_s = log_uniform(r, 0.0025, 0.2);
+            let total_s = r.size(0.0025, 0.2);
             Made::law(TwoPole { pole_s: 0.5 * total_s, rest: s.rest }, total_s)
                 .with("time_constant_s", total_s)
         },
@@ -243,7 +289,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["thrust to weight less one, 1", "actuator"],
         &["throttle"],
         |r, s| {
-            let margin = log_uniform(r, 0.04, 0.22);
+            let margin = r.size(0.04, 0.22);
             let fault = OutputFault::SoftLimit { level: s.throttle(1.0 + margin), softness: 0.004 * s.range };
             Made::of(Fault::Output(fault), margin).with("high_thrust_to_weight", 1.0 + margin)
         },
@@ -254,35 +300,35 @@ pub(crate) const KINDS: &[Kind] = &[
         ["thrust to weight less one, 1", "actuator"],
         &["throttle"],
         |r, s| {
-            let margin = log_uniform(r, 0.04, 0.22);
+            let margin = r.size(0.04, 0.22);
             let level = s.throttle(1.0 + margin);
             let fault = OutputFault::FallingLimit { level, fall_per_min: 0.002 * s.per_weight };
             Made::of(Fault::Output(fault), margin).with("high_thrust_to_weight", 1.0 + margin)
         },
     ),
     known("actuator-quantisation", "floor-steps", ["step over range, 1", "actuator"], &[], |r, s| {
-        let fraction = log_uniform(r, 0.0045, 0.03);
+        let fraction = r.size(0.0045, 0.03);
         Made::of(Fault::Output(OutputFault::Floor { step: fraction * s.range }), fraction)
             .with("step_fraction", fraction)
     }),
     known("actuator-quantisation", "uneven-steps", ["step over range, 1", "actuator"], &[], |r, s| {
-        let fraction = log_uniform(r, 0.0045, 0.03);
+        let fraction = r.size(0.0045, 0.03);
         Made::of(Fault::Output(OutputFault::Uneven { step: fraction * s.range }), fraction)
             .with("step_fraction", fraction)
     }),
     known("actuator-backlash", "stiction", ["play over range, 1", "actuator"], &[], |r, s| {
-        let fraction = log_uniform(r, 0.0025, 0.05);
+        let fraction = r.size(0.0025, 0.05);
         Made::of(Fault::Output(OutputFault::Stiction { width: fraction * s.range }), fraction)
             .with("width_fraction", fraction)
     }),
     known("actuator-backlash", "creeping-play", ["play over range, 1", "actuator"], &[], |r, s| {
-        let fraction = log_uniform(r, 0.0025, 0.05);
+        let fraction = r.size(0.0025, 0.05);
         let fault = OutputFault::CreepingPlay { width: fraction * s.range, creep: uniform(r, 0.0, 0.15) };
         Made::of(Fault::Output(fault), fraction).with("width_fraction", fraction)
     }),
     // Propulsion
     known("rotor-lag", "second-order", ["2 zeta / omega, s", "propulsion"], &["lagged-throttle"], |r, _| {
-        let (lag_s, damping) = (log_uniform(r, 0.0025, 0.2), uniform(r, 0.6, 1.4));
+        let (lag_s, damping) = (r.size(0.0025, 0.2), uniform(r, 0.6, 1.4));
         let natural_rad_s = 2.0 * damping / lag_s;
         Made::law(SecondOrderRotor { natural_rad_s, damping }, lag_s).with("time_constant_s", lag_s)
     }),
@@ -292,27 +338,27 @@ pub(crate) const KINDS: &[Kind] = &[
         ["mean time constant, s", "propulsion"],
         &["lagged-throttle"],
         |r, _| {
-            let (lag_s, skew) = (log_uniform(r, 0.0025, 0.2), uniform(r, 0.1, 0.6));
+            let (lag_s, skew) = (r.size(0.0025, 0.2), uniform(r, 0.1, 0.6));
             let law = AsymmetricRotor { rise_s: lag_s * (1.0 - skew), fall_s: lag_s * (1.0 + skew) };
             Made::law(law, lag_s).with("time_constant_s", lag_s)
         },
     ),
     known("thrust-curve", "power", ["exponent less one, 1", "propulsion"], &["throttle"], |r, _| {
-        let bend = log_uniform(r, 0.012, 0.6);
+        let bend = r.size(0.012, 0.6);
         let bend = if happens(r, 0.7) { bend } else { -0.7 * bend };
         Made::law(PowerCurve { exponent: 1.0 + bend }, bend).with("curvature", bend)
     }),
     known("thrust-curve", "levelling", ["loss of slope at hover, 1", "propulsion"], &["throttle"], |r, _| {
-        let knee = log_uniform(r, 0.013, 1.0);
+        let knee = r.size(0.013, 1.0);
         let lost = knee / (1.0 + knee);
         Made::law(LevellingCurve { knee }, lost).with("curvature", -lost)
     }),
     known("thrust-loss", "worn", ["fraction of thrust, 1", "propulsion"], &[], |r, _| {
-        let fraction = log_uniform(r, 0.01, 0.18);
+        let fraction = r.size(0.01, 0.18);
         Made::law(Worn { fraction }, fraction).with("fraction", fraction)
     }),
     known("thrust-loss", "weak-motor", ["fraction of thrust at hover, 1", "propulsion"], &[], |r, _| {
-        let fraction = log_uniform(r, 0.01, 0.18);
+        let fraction = r.size(0.01, 0.18);
         Made::law(WeakMotor { fraction }, fraction).with("fraction", fraction)
     }),
     known(
@@ -321,7 +367,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["loss of thrust, 1/min", "propulsion"],
         &["charge", "time"],
         |r, _| {
-            let (loss_per_min, full_min) = (log_uniform(r, 0.003, 0.2), uniform(r, 1.5, 5.0));
+            let (loss_per_min, full_min) = (r.size(0.003, 0.2), uniform(r, 1.5, 5.0));
             Made::law(Shepherd { loss_per_min, full_min }, loss_per_min)
                 .with("loss_per_hover_minute", loss_per_min)
         },
@@ -333,7 +379,7 @@ pub(crate) const KINDS: &[Kind] = &[
         &["charge", "time"],
         |r, _| {
             let (loss, zone_share, zone_min) =
-                (log_uniform(r, 0.003, 0.2), uniform(r, 0.2, 0.7), uniform(r, 0.1, 0.25));
+                (r.size(0.003, 0.2), uniform(r, 0.2, 0.7), uniform(r, 0.1, 0.25));
             let zone = loss * FLIGHT_MIN * zone_share / (1.0 - (-FLIGHT_MIN / zone_min).exp());
             let law = FreshCell { zone, zone_min, slope_per_min: loss * (1.0 - zone_share) };
             Made::law(law, loss).with("loss_per_hover_minute", loss)
@@ -346,7 +392,7 @@ pub(crate) const KINDS: &[Kind] = &[
         &["lagged-throttle", "throttle", "time"],
         |r, _| {
             let (sag, fast_s, slow_s, fast_share) = (
-                log_uniform(r, 0.0025, 0.2),
+                r.size(0.0025, 0.2),
                 log_uniform(r, 0.15, 0.6),
                 log_uniform(r, 1.0, 5.0),
                 uniform(r, 0.3, 0.7),
@@ -364,7 +410,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["share of the other shape, 1", "environment"],
         &["altitude"],
         |r, s| {
-            let (share, length) = (log_uniform(r, 0.02, 1.0), uniform(r, 0.6, 2.2));
+            let (share, length) = (r.size(0.02, 1.0), uniform(r, 0.6, 2.2));
             let law = ExponentialGround { share, gain: s.ground[0], length_m: length * s.ground[1] };
             Made::law(law, share).with("blend", share).with("length_m", length * s.ground[1])
         },
@@ -375,12 +421,12 @@ pub(crate) const KINDS: &[Kind] = &[
         ["share of the other shape, 1", "environment"],
         &["altitude"],
         |r, s| {
-            let (share, radius) = (log_uniform(r, 0.03, 1.0), uniform(r, 0.8, 3.5));
+            let (share, radius) = (r.size(0.03, 1.0), uniform(r, 0.8, 3.5));
             Made::law(ImageGround { share, radius_m: radius * s.ground[1] }, share)
         },
     ),
     known("ground-effect-dynamic", "slow-cushion", ["delay, s", "environment"], &["altitude"], |r, _| {
-        let delay_s = log_uniform(r, 0.005, 0.4);
+        let delay_s = r.size(0.005, 0.4);
         Made::law(SlowCushion { delay_s }, delay_s).with("time_constant_s", delay_s)
     }),
     known(
@@ -389,7 +435,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["mean time constant, s", "environment"],
         &["altitude"],
         |r, _| {
-            let lag_s = log_uniform(r, 0.005, 0.4);
+            let lag_s = r.size(0.005, 0.4);
             let law = StickyCushion { rise_s: 0.5 * lag_s, fall_s: 1.5 * lag_s };
             Made::law(law, lag_s).with("time_constant_s", lag_s)
         },
@@ -400,7 +446,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["gain of thrust at the ceiling, 1", "environment"],
         &["altitude"],
         |r, _| {
-            let (gain, ceiling_m) = (log_uniform(r, 0.002, 0.35), uniform(r, 0.75, 1.15));
+            let (gain, ceiling_m) = (r.size(0.002, 0.35), uniform(r, 0.75, 1.15));
             let law = ImageCeiling { gain, ceiling_m, radius_m: uniform(r, 0.04, 0.12) };
             Made::law(law, gain).with("gain", gain).with("ceiling_m", ceiling_m)
         },
@@ -411,37 +457,37 @@ pub(crate) const KINDS: &[Kind] = &[
         ["gain of thrust at the ceiling, 1", "environment"],
         &["altitude"],
         |r, _| {
-            let (gain, ceiling_m) = (log_uniform(r, 0.002, 0.35), uniform(r, 0.75, 1.15));
+            let (gain, ceiling_m) = (r.size(0.002, 0.35), uniform(r, 0.75, 1.15));
             let law = BellCeiling { gain, ceiling_m, reach_m: uniform(r, 0.06, 0.2) };
             Made::law(law, gain).with("gain", gain).with("ceiling_m", ceiling_m)
         },
     ),
     known("gusts", "dryden", ["deviation of the wind, m/s", "environment"], &["time"], |r, _| {
-        let (sigma_m_s, correlation_s) = (log_uniform(r, 0.05, 1.0), log_uniform(r, 0.4, 2.5));
+        let (sigma_m_s, correlation_s) = (r.size(0.05, 1.0), log_uniform(r, 0.4, 2.5));
         Made::of(Fault::Gust(Gust::Dryden { sigma_m_s, correlation_s }), sigma_m_s)
             .with("sigma_m_s", sigma_m_s)
     }),
     known("gusts", "karman", ["deviation of the wind, m/s", "environment"], &["time"], |r, _| {
-        let (sigma_m_s, correlation_s) = (log_uniform(r, 0.05, 1.0), log_uniform(r, 0.4, 2.5));
+        let (sigma_m_s, correlation_s) = (r.size(0.05, 1.0), log_uniform(r, 0.4, 2.5));
         Made::of(Fault::Gust(Gust::Karman { sigma_m_s, correlation_s }), sigma_m_s)
             .with("sigma_m_s", sigma_m_s)
     }),
     known("gusts", "bumps", ["deviation of the wind, m/s", "environment"], &["time"], |r, _| {
-        let (sigma_m_s, length_s) = (log_uniform(r, 0.05, 1.0), log_uniform(r, 0.6, 3.0));
+        let (sigma_m_s, length_s) = (r.size(0.05, 1.0), log_uniform(r, 0.6, 3.0));
         Made::of(Fault::Gust(Gust::Bumps { sigma_m_s, length_s }), sigma_m_s).with("sigma_m_s", sigma_m_s)
     }),
     known("updraft", "rising-air", ["speed of the air, m/s", "environment"], &[], |r, _| {
-        let speed_m_s = sign(r) * log_uniform(r, 0.06, 1.2);
+        let speed_m_s = sign(r) * r.size(0.06, 1.2);
         Made::law(Rising { speed_m_s }, speed_m_s).with("speed_m_s", speed_m_s)
     }),
     known("updraft", "plume", ["speed of the air, m/s", "environment"], &["altitude"], |r, _| {
-        let speed_m_s = sign(r) * log_uniform(r, 0.06, 1.2);
+        let speed_m_s = sign(r) * r.size(0.06, 1.2);
         Made::law(Plume { speed_m_s, depth_m: uniform(r, 0.01, 0.06) }, speed_m_s)
             .with("speed_m_s", speed_m_s)
     }),
     // Airframe
     known("mass-change", "payload", ["mass over mass, 1", "airframe"], &[], |r, _| {
-        let size = log_uniform(r, 0.012, 0.16);
+        let size = r.size(0.012, 0.16);
         let fraction = if happens(r, 0.75) { size } else { -0.6 * size };
         Made::law(Payload { fraction }, fraction).with("fraction", fraction)
     }),
@@ -451,29 +497,29 @@ pub(crate) const KINDS: &[Kind] = &[
         ["drag at 1 m/s over linear drag, 1", "airframe"],
         &["speed"],
         |r, s| {
-            let (ratio, exponent) = (log_uniform(r, 0.06, 6.0), uniform(r, 1.7, 2.4));
+            let (ratio, exponent) = (r.size(0.06, 6.0), uniform(r, 1.7, 2.4));
             let at_1_m_s_n = ratio * s.drag;
             Made::law(PowerDrag { at_1_m_s_n, exponent }, ratio).with("coefficient_n_s2_per_m2", at_1_m_s_n)
         },
     ),
     known("descent-thrust-loss", "ring-vortex", ["loss of thrust, 1", "airframe"], &["speed"], |r, _| {
-        let (depth, centre_m_s) = (log_uniform(r, 0.003, 0.35), uniform(r, 0.3, 0.7));
+        let (depth, centre_m_s) = (r.size(0.003, 0.35), uniform(r, 0.3, 0.7));
         let law = RingVortex { depth, centre_m_s, width_m_s: 0.55 * centre_m_s };
         Made::law(law, depth).with("fraction", depth)
     }),
     known("descent-thrust-loss", "wake-ramp", ["loss of thrust, 1", "airframe"], &["speed"], |r, _| {
-        let (depth, onset_m_s) = (log_uniform(r, 0.003, 0.35), uniform(r, 0.05, 0.25));
+        let (depth, onset_m_s) = (r.size(0.003, 0.35), uniform(r, 0.05, 0.25));
         let law = WakeRamp { depth, onset_m_s, full_m_s: onset_m_s + uniform(r, 0.3, 0.7) };
         Made::law(law, depth).with("fraction", depth)
     }),
     known("inflow-damping", "lagged-inflow", ["loss of thrust, s/m", "airframe"], &["speed"], |r, _| {
-        let slope_s_per_m = log_uniform(r, 0.008, 0.4);
+        let slope_s_per_m = r.size(0.008, 0.4);
         let law =
             LaggedInflow { slope_s_per_m, level_m_s: uniform(r, 0.8, 2.0), lag_s: uniform(r, 0.02, 0.06) };
         Made::law(law, slope_s_per_m).with("coefficient_s_per_m", slope_s_per_m)
     }),
     known("inflow-damping", "momentum-inflow", ["loss of thrust, s/m", "airframe"], &["speed"], |r, _| {
-        let slope_s_per_m = log_uniform(r, 0.008, 0.4);
+        let slope_s_per_m = r.size(0.008, 0.4);
         let law = MomentumInflow { slope_s_per_m, hover_m_s: uniform(r, 1.2, 2.5) };
         Made::law(law, slope_s_per_m).with("coefficient_s_per_m", slope_s_per_m)
     }),
@@ -483,7 +529,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["play over weight, 1", "propulsion"],
         &["throttle", "lagged-throttle"],
         |r, _| {
-            let width = log_uniform(r, 0.0015, 0.1);
+            let width = r.size(0.0015, 0.1);
             Made::law(ThrustHysteresis { width }, width)
         },
     ),
@@ -492,12 +538,12 @@ pub(crate) const KINDS: &[Kind] = &[
         ["loss of thrust when hot, 1", "propulsion"],
         &["time", "lagged-throttle", "charge"],
         |r, _| {
-            let (fade, warm_up_s) = (log_uniform(r, 0.003, 0.25), uniform(r, 4.0, 12.0));
+            let (fade, warm_up_s) = (r.size(0.003, 0.25), uniform(r, 4.0, 12.0));
             Made::law(HotMotor { fade, warm_up_s }, fade)
         },
     ),
     outside("resonance", ["share of thrust, 1", "airframe"], &["lagged-throttle"], |r, _| {
-        let (share, hertz) = (log_uniform(r, 0.008, 0.5), uniform(r, 0.8, 3.0));
+        let (share, hertz) = (r.size(0.008, 0.5), uniform(r, 0.8, 3.0));
         let law = Resonance {
             share,
             natural_rad_s: std::f64::consts::TAU * hertz,
@@ -506,34 +552,34 @@ pub(crate) const KINDS: &[Kind] = &[
         Made::law(law, share)
     }),
     outside("recirculation", ["loss of thrust, 1", "environment"], &["altitude", "time"], |r, _| {
-        let (loss, build_up_s) = (log_uniform(r, 0.006, 0.25), uniform(r, 0.8, 4.0));
+        let (loss, build_up_s) = (r.size(0.006, 0.25), uniform(r, 0.8, 4.0));
         Made::law(Recirculation { loss, build_up_s, height_m: uniform(r, 0.12, 0.35) }, loss)
     }),
     outside("attraction", ["pull over weight, 1", "environment"], &["altitude"], |r, _| {
-        let pull = sign(r) * log_uniform(r, 0.001, 0.06);
+        let pull = sign(r) * r.size(0.001, 0.06);
         let law = Attraction { pull, height_m: uniform(r, 0.3, 0.8), reach_m: uniform(r, 0.04, 0.12) };
         Made::law(law, pull)
     }),
     outside("fan", ["pull over weight, 1", "environment"], &["time"], |r, _| {
-        let (pull, frequency_hz) = (log_uniform(r, 0.0006, 0.03), log_uniform(r, 0.2, 2.0));
+        let (pull, frequency_hz) = (r.size(0.0006, 0.03), log_uniform(r, 0.2, 2.0));
         let phase_rad = uniform(r, 0.0, std::f64::consts::TAU);
         Made::law(Fan { pull, frequency_hz, phase_rad }, pull)
     }),
     outside("growing-latency", ["growth of latency, s/min", "tracker"], &["time"], |r, _| {
-        let extra_s_per_min = log_uniform(r, 0.006, 0.4);
+        let extra_s_per_min = r.size(0.006, 0.4);
         Made::of(Fault::Tracker(TrackerFault::GrowingLatency { extra_s_per_min }), extra_s_per_min)
     }),
     outside("warm-reference", ["drift, 1", "actuator"], &["time"], |r, _| {
-        let drift = sign(r) * log_uniform(r, 0.0001, 0.02);
+        let drift = sign(r) * r.size(0.0001, 0.02);
         let fault = OutputFault::WarmReference { drift, warm_up_min: uniform(r, 1.0, 3.0) };
         Made::of(Fault::Output(fault), drift)
     }),
     outside("leak", ["loss of mass, 1/min", "airframe"], &["time"], |r, _| {
-        let loss_per_min = log_uniform(r, 0.0007, 0.02);
+        let loss_per_min = r.size(0.0007, 0.02);
         Made::law(Leak { loss_per_min }, loss_per_min)
     }),
     outside("dead-band", ["half-width over weight, 1", "actuator"], &["throttle"], |r, s| {
-        let half = log_uniform(r, 0.0008, 0.05);
+        let half = r.size(0.0008, 0.05);
         Made::law(DeadBand { half_width: half * s.per_weight }, half)
     }),
     outside(
@@ -541,21 +587,21 @@ pub(crate) const KINDS: &[Kind] = &[
         ["loss of thrust, 1", "propulsion"],
         &["lagged-throttle", "throttle"],
         |r, _| {
-            let loss = log_uniform(r, 0.003, 0.25);
+            let loss = r.size(0.003, 0.25);
             Made::law(HurriedStall { loss, memory_s: uniform(r, 0.1, 0.4) }, loss)
         },
     ),
     outside("missing-motor", ["loss of thrust, 1", "propulsion"], &["time"], |r, _| {
-        let depth = log_uniform(r, 0.003, 0.2);
+        let depth = r.size(0.003, 0.2);
         let miss = Miss { per_s: uniform(r, 0.1, 0.5), length_s: uniform(r, 0.1, 0.6) };
         Made::of(Fault::Miss(miss, MissingMotor { depth }), depth)
     }),
     reserved(&outside("tether", ["pull over weight, 1/m", "environment"], &["altitude"], |r, _| {
-        let stiffness_per_m = log_uniform(r, 0.005, 0.3);
+        let stiffness_per_m = r.size(0.005, 0.3);
         Made::law(Tether { stiffness_per_m, free_m: uniform(r, 0.25, 0.6) }, stiffness_per_m)
     })),
     reserved(&outside("layer", ["speed of the air, m/s", "environment"], &["altitude"], |r, _| {
-        let speed_m_s = sign(r) * log_uniform(r, 0.02, 1.2);
+        let speed_m_s = sign(r) * r.size(0.02, 1.2);
         let law = Layer { speed_m_s, centre_m: uniform(r, 0.3, 0.7), depth_m: uniform(r, 0.06, 0.15) };
         Made::law(law, speed_m_s)
     })),
@@ -564,7 +610,7 @@ pub(crate) const KINDS: &[Kind] = &[
         ["mass over mass, 1", "airframe"],
         &["speed", "lagged-throttle"],
         |r, _| {
-            let (share, hertz) = (log_uniform(r, 0.008, 0.3), uniform(r, 0.6, 2.5));
+            let (share, hertz) = (r.size(0.008, 0.3), uniform(r, 0.6, 2.5));
             let law = HangingLoad {
                 share,
                 natural_rad_s: std::f64::consts::TAU * hertz,
@@ -574,11 +620,11 @@ pub(crate) const KINDS: &[Kind] = &[
         },
     )),
     reserved(&outside("ripple", ["amplitude, m", "tracker"], &["altitude"], |r, _| {
-        let (amplitude_m, wavelength_m) = (log_uniform(r, 0.0002, 0.01), uniform(r, 0.05, 0.15));
+        let (amplitude_m, wavelength_m) = (r.size(0.0002, 0.01), uniform(r, 0.05, 0.15));
         Made::of(Fault::Tracker(TrackerFault::Ripple { amplitude_m, wavelength_m }), amplitude_m)
     })),
     reserved(&outside("shaken-mark", ["shift at twice the weight, m", "tracker"], &["throttle"], |r, _| {
-        let gain_m = sign(r) * log_uniform(r, 0.002, 0.1);
+        let gain_m = sign(r) * r.size(0.002, 0.1);
         Made::of(Fault::Tracker(TrackerFault::Shaken { gain_m }), gain_m)
     })),
 ];
@@ -638,10 +684,27 @@ mod tests {
         let scale = Scale::of(&rig);
         for kind in KINDS {
             let mut random = random::stream(1, 0, 0, 0);
-            let sizes: Vec<f64> = (0..400).map(|_| (kind.make)(&mut random, &scale).size.abs()).collect();
+            let sizes: Vec<f64> =
+                (0..400).map(|_| (kind.make)(&mut Draw::any(&mut random), &scale).size.abs()).collect();
             let (low, high) =
                 sizes.iter().fold((f64::MAX, 0.0_f64), |(low, high), x| (low.min(*x), high.max(*x)));
             assert!(high.is_finite() && low > 0.0 && high / low > 5.0, "{}: {low} to {high}", kind.form);
+        }
+    }
+
+    #[test]
+    fn a_chosen_size_changes_the_size_and_nothing_else() {
+        let rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+        let scale = Scale::of(&rig);
+        for kind in KINDS {
+            let of_size = |at| {
+                let mut random = random::stream(1, 0, 0, 0);
+                let size = (kind.make)(&mut Draw::of_size(&mut random, at), &scale).size;
+                (size, random::uniform(&mut random, 0.0, 1.0))
+            };
+            let ((small, after), (large, after_large)) = (of_size(0.0), of_size(1.0));
+            assert!(large / small > 5.0, "{}: {small} to {large}", kind.form);
+            assert_eq!(after, after_large, "{}", kind.form);
         }
     }
 }

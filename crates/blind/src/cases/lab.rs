@@ -31,6 +31,25 @@ impl Fault {
         }
     }
 
+    /// Whether it shows in the spread of noise, in lost frames or in time stamps, and not in the mean of what is seen.
+    pub(crate) fn is_told_by_spread(&self) -> bool {
+        match self {
+            Self::Loop(_) => true,
+            Self::Tracker(fault) => matches!(
+                fault,
+                TrackerFault::Queue { .. }
+                    | TrackerFault::HeldUp { .. }
+                    | TrackerFault::HeavyTails { .. }
+                    | TrackerFault::Wander { .. }
+                    | TrackerFault::Bursts { .. }
+                    | TrackerFault::Occlusions { .. }
+                    | TrackerFault::Strays { .. }
+                    | TrackerFault::WrongMark { .. }
+            ),
+            _ => false,
+        }
+    }
+
     /// Whether both can be in one case: there is one camera, one converter, one radio, one loop and one wind.
     pub(crate) fn goes_with(&self, other: &Self) -> bool {
         let laws = self.law().is_some() && other.law().is_some();

@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use bench_rig::Rig;
 use serde::{Deserialize, Serialize};
 
-use self::catalogue::{KINDS, Kind, Made, Scale};
+pub(crate) use self::catalogue::Kind;
+use self::catalogue::{Draw, KINDS, Made, Scale};
 pub(crate) use self::lab::{Fault, Lab};
 use crate::{
     physics::{air::Turbulence, body::Numbers},
@@ -130,6 +131,7 @@ pub(crate) struct Case {
 /// A generator's random numbers: what they are for.
 const ORDER: u64 = 1 << 32;
 const DRAW: u64 = 2 << 32;
+const POWER: u64 = 3 << 32;
 
 /// How many cases of each family: a fifth none, a fifth outside, two in fifteen pairs, the rest single.
 fn shares(cases: usize) -> [(Family, usize); 4] {
@@ -152,7 +154,7 @@ pub(crate) fn draw(rig: &Rig, cases: usize, seed: u64, with_reserved: bool) -> V
                 Family::None => (Vec::new(), Vec::new()),
                 Family::Single | Family::Outside => {
                     let kind = turns.next(&mut order);
-                    (vec![kind], vec![(kind.make)(&mut random, &scale)])
+                    (vec![kind], vec![(kind.make)(&mut Draw::any(&mut random), &scale)])
                 }
                 Family::Pair => pair(&mut turns, &mut order, &mut random, &scale),
             };
@@ -162,6 +164,24 @@ pub(crate) fn draw(rig: &Rig, cases: usize, seed: u64, with_reserved: bool) -> V
     random::shuffle(&mut order, &mut plans);
     let sealed = plans.into_iter().enumerate();
     sealed.map(|(i, (family, made, kinds))| case(rig, seed, i as u64, family, made, &kinds)).collect()
+}
+
+/// All forms of the library's effects, with a number of their own.
+pub(crate) fn known_kinds() -> impl Iterator<Item = (u64, &'static Kind)> {
+    (0..).zip(KINDS).filter(|(_, kind)| !kind.effect.is_empty())
+}
+
+/// A case of one kind with its size chosen, 0 the smallest that is drawn and 1 the largest. The airframe's own numbers,
+/// the air and the noise are those of the draw, whatever the kind and the size.
+pub(crate) fn of_size(rig: &Rig, seed: u64, draw: u64, (number, kind): (u64, &Kind), at: f64) -> Case {
+    let mut random = random::stream(seed, POWER, number, draw);
+    let made = (kind.make)(&mut Draw::of_size(&mut random, at), &Scale::of(rig));
+    case(rig, seed, draw, Family::Single, vec![made], &[kind])
+}
+
+/// The same without any effect.
+pub(crate) fn without_effect(rig: &Rig, seed: u64, draw: u64) -> Case {
+    case(rig, seed, draw, Family::None, Vec::new(), &[])
 }
 
 /// Goes through all effects before any comes again, in random order; of an effect, any form.
@@ -200,13 +220,13 @@ fn pair(
     scale: &Scale,
 ) -> (Vec<&'static Kind>, Vec<Made>) {
     let first = turns.next(order);
-    let made = (first.make)(random, scale);
+    let made = (first.make)(&mut Draw::any(random), scale);
     loop {
         let second = turns.next(order);
         if second.effect == first.effect {
             continue;
         }
-        let other = (second.make)(random, scale);
+        let other = (second.make)(&mut Draw::any(random), scale);
         if made.fault.goes_with(&other.fault) {
             // In the order of the catalogue: rotors before batteries, ground before mass.
             let place =

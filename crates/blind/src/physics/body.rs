@@ -25,6 +25,12 @@ impl Numbers {
     ];
     pub(crate) const LATENCY: usize = 6;
 
+    /// How acceleration changes with altitude in the ground effect of an airframe that bears its weight, 1/s^2.
+    pub(crate) fn cushion_per_s2(&self, z_m: f64) -> f64 {
+        let [_, _, _, _, multiplier, height_m, _] = self.0;
+        if (0.0..height_m).contains(&z_m) { -GRAVITY_M_S2 * (multiplier - 1.0) / height_m } else { 0.0 }
+    }
+
     /// The rig's nominal numbers, and one sigma of each.
     pub(crate) fn of(rig: &Rig) -> (Self, [f64; 7]) {
         let a = &rig.airframe;

@@ -101,6 +101,26 @@ impl Camera {
         }
     }
 
+    /// What a fault of latency or optics would change in the mean of frames that a sound camera took of a flight.
+    pub(crate) fn mean_change(&self, frames: &[Frame], altitude_m: impl Fn(f64) -> f64) -> Vec<f64> {
+        let change = |(count, frame): (usize, &Frame)| {
+            // A frame that takes longer to arrive was exposed earlier than it is believed to be.
+            let extra_s = self.mean_lateness_s(count as f64, frame.exposed_s);
+            let told_m = self.distorted(altitude_m(frame.exposed_s - extra_s), frame.load);
+            told_m - altitude_m(frame.exposed_s)
+        };
+        frames.iter().enumerate().map(change).collect()
+    }
+
+    fn mean_lateness_s(&self, count: f64, t_s: f64) -> f64 {
+        match self.fault {
+            Some(TrackerFault::Late { extra_s }) => extra_s,
+            Some(TrackerFault::Beat { mean_s, frames }) => 2.0 * mean_s * (count / frames).fract(),
+            Some(TrackerFault::GrowingLatency { extra_s_per_min }) => extra_s_per_min * t_s / 60.0,
+            _ => 0.0,
+        }
+    }
+
     pub(crate) fn expose(
         &self,
         state: &mut CameraState,

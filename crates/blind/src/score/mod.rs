@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 pub use self::statistics::{Figure, Rate};
-use self::statistics::{auroc, found_at_5_percent, mean, median};
+use self::statistics::{auroc, found_at_5_percent};
+pub(crate) use self::statistics::{mean, median};
 use crate::{
     answers::{Answer, Answers, Verdict},
     cases::{Family, Truth},

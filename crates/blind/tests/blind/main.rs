@@ -2,4 +2,6 @@
 
 mod common;
 mod open;
+mod power;
 mod seal;
+mod unfinished;

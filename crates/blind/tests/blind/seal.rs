@@ -1,6 +1,11 @@
 //! A seal tells nothing but physics, and makes the same again from the same seed.
 
-use std::{collections::BTreeSet, fs, path::Path, time::UNIX_EPOCH};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+    time::UNIX_EPOCH,
+};
 
 use crate::common::{plan, right_answers, sealed};
 use bench_blind::{BlindError, Family, seal};
@@ -46,41 +51,57 @@ fn words(case: &Path) -> Vec<String> {
     words
 }
 
-/// Nearest centroid, each case left out in turn: the mean of both classes' shares that come out right.
-fn balanced_accuracy(features: &[Vec<f64>], caused: &[bool]) -> f64 {
+/// Nearest centroid, each case left out in turn: for each case, whether its class comes out right. Classes with one case
+/// only have no centroid without it and are not asked for.
+fn named<C: Ord + Copy>(features: &[Vec<f64>], classes: &[C]) -> Vec<(C, bool)> {
     let columns = features[0].len();
     let mean = |column: usize, of: &dyn Fn(usize) -> bool| {
         let values: Vec<f64> = (0..features.len()).filter(|i| of(*i)).map(|i| features[i][column]).collect();
         values.iter().sum::<f64>() / values.len() as f64
     };
+    let mut sizes = BTreeMap::new();
+    for class in classes {
+        *sizes.entry(*class).or_insert(0) += 1;
+    }
     let spread: Vec<f64> = (0..columns)
         .map(|column| {
             let middle = mean(column, &|_| true);
             features.iter().map(|row| (row[column] - middle).powi(2)).sum::<f64>().sqrt()
         })
         .collect();
-    let mut right = [[0.0; 2]; 2];
-    for left_out in 0..features.len() {
-        let distance = |class: bool| -> f64 {
-            (0..columns)
-                .filter(|column| spread[*column] > 1e-12)
-                .map(|column| {
-                    let centre = mean(column, &|i| i != left_out && caused[i] == class);
-                    ((features[left_out][column] - centre) / spread[column]).powi(2)
-                })
-                .sum()
-        };
-        let told = distance(true) < distance(false);
-        let class = usize::from(caused[left_out]);
-        right[class][1] += 1.0;
-        right[class][0] += f64::from(u8::from(told == caused[left_out]));
+    (0..features.len())
+        .filter(|left_out| sizes[&classes[*left_out]] > 1)
+        .map(|left_out| {
+            let distance = |class: C| -> f64 {
+                (0..columns)
+                    .filter(|column| spread[*column] > 1e-12)
+                    .map(|column| {
+                        let centre = mean(column, &|i| i != left_out && classes[i] == class);
+                        ((features[left_out][column] - centre) / spread[column]).powi(2)
+                    })
+                    .sum()
+            };
+            let asked = sizes.iter().filter(|(_, size)| **size > 1).map(|(class, _)| *class);
+            let told = asked.min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+            (classes[left_out], told == Some(classes[left_out]))
+        })
+        .collect()
+}
+
+/// The mean of all classes' shares that come out right.
+fn balanced_accuracy<C: Ord + Copy>(named: &[(C, bool)]) -> f64 {
+    let mut shares: BTreeMap<C, (f64, f64)> = BTreeMap::new();
+    for (class, right) in named {
+        let share = shares.entry(*class).or_default();
+        share.0 += f64::from(u8::from(*right));
+        share.1 += 1.0;
     }
-    0.5 * (right[0][0] / right[0][1] + right[1][0] / right[1][1])
+    shares.values().map(|(right, of)| right / of).sum::<f64>() / shares.len() as f64
 }
 
 #[test]
 fn metadata_alone_tells_nothing() {
-    let plan = plan(60, 5);
+    let plan = plan(120, 5);
     let (folder, _, key) = sealed(&plan);
     let cases = folder.path().join("cases");
     let names: Vec<&String> = key.cases.keys().collect();
@@ -104,11 +125,53 @@ fn metadata_alone_tells_nothing() {
     }
 
     let caused: Vec<bool> = key.cases.values().map(|truth| truth.family != Family::None).collect();
-    let accuracy = balanced_accuracy(&features, &caused);
+    let accuracy = balanced_accuracy(&named(&features, &caused));
     let [none, some] = [false, true].map(|class| caused.iter().filter(|c| **c == class).count() as f64);
     // A coin's balanced accuracy has this deviation; 2.6 of them are 99 %.
     let deviation = 0.5 * (0.25 / none + 0.25 / some).sqrt();
     assert!((accuracy - 0.5).abs() < 2.6 * deviation, "{accuracy} with deviation {deviation}");
+
+    // Nor does it name the effect, or the form outside of the library.
+    let causes: Vec<String> = key
+        .cases
+        .values()
+        .map(|truth| match truth.family {
+            Family::Outside => truth.ingredients[0].form.clone(),
+            _ => truth.label(),
+        })
+        .collect();
+    let causes: Vec<&str> = causes.iter().map(String::as_str).collect();
+    assert!(causes.iter().collect::<BTreeSet<_>>().len() > 30);
+    assert!(!names_more_than_chance(&features, &causes));
+}
+
+/// Whether all columns together, or one of them alone, name more causes than chance does.
+fn names_more_than_chance<C: Ord + Copy>(features: &[Vec<f64>], classes: &[C]) -> bool {
+    let columns = 0..features[0].len();
+    let alone = columns.map(|column| features.iter().map(|row| vec![row[column]]).collect::<Vec<_>>());
+    // A column that is the same in all cases makes the classifier name the same class always, which is chance, too.
+    alone.chain([features.to_vec()]).any(|features| {
+        let told = named(&features, classes);
+        let asked = told.iter().map(|(class, _)| class).collect::<BTreeSet<_>>().len() as f64;
+        let right = told.iter().filter(|(_, right)| *right).count() as f64;
+        let largest = classes.iter().map(|class| told.iter().filter(|(c, _)| c == class).count()).max();
+        // By chance one in as many as there are classes, or all of one class if that is always named. Some twenty
+        // columns are tried: 3.5 deviations of a Poisson count leave one in two hundred to all of them.
+        let expected = (told.len() as f64 / asked).max(largest.unwrap_or(0) as f64);
+        right > expected + 3.5 * expected.sqrt()
+    })
+}
+
+#[test]
+fn the_classifier_names_what_one_column_gives_away() {
+    // A check that cannot fail is none. Twenty classes of five cases, a column of noise, one that tells.
+    let classes: Vec<u32> = (0..100).map(|i| i % 20).collect();
+    let noise = |i: usize| (i * 37 % 101) as f64;
+    let rows = |tells: f64| -> Vec<_> {
+        classes.iter().enumerate().map(|(i, c)| vec![noise(i), tells * f64::from(*c)]).collect()
+    };
+    assert!(names_more_than_chance(&rows(1.0), &classes));
+    assert!(!names_more_than_chance(&rows(0.0), &classes));
 }
 
 #[test]
