@@ -3,15 +3,11 @@
 use std::path::Path;
 
 use anyhow::bail;
-use bench_blind::{Answer, Told, Verdict};
-use bench_diagnosis::{self as diagnosis, Diagnosis, Problem, Track};
+use bench_blind::{Answer, Interval, Told, Verdict};
+use bench_diagnosis::{self as diagnosis, Calibration, Diagnosis, Problem, Track};
 use bench_recording::Flight;
 use bench_rig::Rig;
 
-/// Of a normal number, 90 % lies within this many deviations.
-const DEVIATIONS_90: f64 = 1.645;
-/// The set of labels holds at least this probability.
-const SET_MASS: f64 = 0.9;
 /// From this evidence on an axis is named, nats; the same as on the screen of `bench diagnose`.
 const REGION_NATS: f64 = 3.0;
 
@@ -29,7 +25,7 @@ pub fn diagnosed(rig: &Path, flights: &[impl AsRef<Path>]) -> anyhow::Result<Ans
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed: {}", unusable.join("; "));
     }
-    let mut answer = answer(&Diagnosis::of(&Problem::new(&tracks, &rig)));
+    let mut answer = answer(&Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in()));
     answer.note = (!unusable.is_empty()).then(|| unusable.join("; "));
     Ok(answer)
 }
@@ -48,38 +44,43 @@ pub fn answer(diagnosis: &Diagnosis) -> Answer {
     Answer {
         effects: diagnosis.effects.iter().map(|&effect| effect.to_owned()).collect(),
         probabilities: candidates.iter().map(|c| (c.name.clone(), c.probability)).collect(),
-        set: credible(candidates),
+        set: diagnosis.set.clone(),
+        group: group(diagnosis),
         parameters: parameters
-            .filter(|p| p.value.is_finite() && p.std.is_finite())
             .map(|p| Told {
                 effect: p.effect.to_owned(),
                 name: p.name.to_owned(),
                 value: p.value,
-                low: p.value - DEVIATIONS_90 * p.std,
-                high: p.value + DEVIATIONS_90 * p.std,
+                low: p.low,
+                high: p.high,
             })
             .collect(),
         stage: diagnosis.place.stage.filter(|_| gap_is_told).map(str::to_owned),
         region: region(diagnosis).filter(|_| gap_is_told).map(str::to_owned),
-        // No group, and no closure: answers want one from flights left out of the fit, with its interval.
+        closure: diagnosis
+            .gap
+            .closure
+            .filter(|_| verdict == Verdict::Effect && diagnosis.gap.held_out)
+            .map(|closure| Interval { value: closure.value, low: closure.low, high: closure.high }),
         ..Answer::bare(verdict)
     }
 }
 
-/// The most probable labels that hold [`SET_MASS`] together.
-fn credible(candidates: &[diagnosis::Candidate]) -> Vec<String> {
-    let mut sorted: Vec<_> = candidates.iter().collect();
-    sorted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    let mut mass = 0.0;
-    let mut set = Vec::new();
-    for candidate in sorted {
-        if mass >= SET_MASS {
-            break;
-        }
-        mass += candidate.probability;
-        set.push(candidate.name.clone());
-    }
-    set
+/// Labels that the flights cannot tell from what is named: one of its effects in the place of which another stands.
+fn group(diagnosis: &Diagnosis) -> Vec<String> {
+    let mut labels: Vec<String> = diagnosis
+        .group
+        .iter()
+        .map(|likeness| {
+            let named = diagnosis.effects.iter();
+            let swapped: Vec<&str> =
+                named.map(|effect| if *effect == likeness.effect { likeness.like } else { *effect }).collect();
+            swapped.join("+")
+        })
+        .collect();
+    labels.sort();
+    labels.dedup();
+    labels
 }
 
 /// The axis with the strongest evidence.
@@ -98,14 +99,21 @@ fn region(diagnosis: &Diagnosis) -> Option<&'static str> {
 
 #[cfg(test)]
 mod tests {
-    use bench_diagnosis::{Candidate, Gap, KStep, ParameterValue, Place, RegionTold};
+    use bench_diagnosis::{Candidate, Likeness, ParameterValue, Place, RegionTold};
 
     use super::*;
 
     fn candidate(name: &str, effects: &[&'static str], probability: f64) -> Candidate {
         let parameters = effects
             .iter()
-            .map(|&effect| ParameterValue { effect, name: "size", unit: "1", value: 0.2, std: 0.01 })
+            .map(|&effect| ParameterValue {
+                effect,
+                name: "size",
+                unit: "1",
+                value: 0.2,
+                low: 0.18,
+                high: 0.23,
+            })
             .collect();
         Candidate {
             effects: effects.to_vec(),
@@ -121,29 +129,17 @@ mod tests {
     }
 
     fn said(verdict: diagnosis::Verdict, effects: Vec<&'static str>) -> Diagnosis {
-        let none = [None; 3];
         Diagnosis {
-            schema: "bench.diagnosis/1",
             verdict,
             effects,
             confidence: 0.7,
-            calibrated: false,
+            set: vec!["rotor-lag+gusts".to_owned(), "none".to_owned()],
+            group: vec![Likeness { effect: "rotor-lag", like: "actuator-lag", cosine: 0.97 }],
             candidates: vec![
                 candidate("rotor-lag+gusts", &["rotor-lag", "gusts"], 0.7),
                 candidate("none", &[], 0.21),
                 candidate("unknown", &[], 0.09),
             ],
-            numbers: vec![],
-            gap: Gap {
-                metric: "",
-                nominal: 0.0,
-                parameters_only: 0.0,
-                with_effect: 0.0,
-                floor: 0.0,
-                closure: None,
-                held_out: false,
-                k_step_m: KStep { nominal: none, parameters_only: none, with_effect: none },
-            },
             place: Place {
                 stage: Some("propulsion"),
                 regions: vec![
@@ -151,10 +147,9 @@ mod tests {
                     region_told("change of thrust over weight", 9.0),
                     region_told("time in flight", 2.0),
                 ],
-                unexplained: 0.0,
+                ..Place::default()
             },
-            flights: vec![],
-            warnings: vec![],
+            ..Diagnosis::default()
         }
     }
 
@@ -167,8 +162,8 @@ mod tests {
         assert_eq!(told.set, ["rotor-lag+gusts", "none"]);
         assert_eq!(told.region.as_deref(), Some("lagged-throttle"));
         assert_eq!(told.stage.as_deref(), Some("propulsion"));
-        // 1.645 deviations of 0.01 to either side.
-        assert!((told.parameters[1].low - 0.18355).abs() < 1e-12 && told.parameters[1].effect == "gusts");
+        assert!(told.parameters[1].low == 0.18 && told.parameters[1].effect == "gusts");
+        assert_eq!(told.group, ["actuator-lag+gusts"]);
     }
 
     #[test]

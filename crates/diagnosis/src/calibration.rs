@@ -25,6 +25,12 @@ pub struct Calibration {
     pub cases: usize,
 }
 
+impl Default for Calibration {
+    fn default() -> Self {
+        Self::built_in()
+    }
+}
+
 impl Calibration {
     /// What is used where a rig has none of its own.
     pub fn built_in() -> Self {

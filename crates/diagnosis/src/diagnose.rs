@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// What a diagnosis says. As JSON it is `bench.diagnosis/1` (docs/diagnosis.md).
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Diagnosis {
     /// `bench.diagnosis/1`.
     pub schema: &'static str,
@@ -59,12 +59,13 @@ pub struct Diagnosis {
 }
 
 /// What a diagnosis comes to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// One or two effects of the library explain the gap.
     Effect,
     /// No gap beyond tolerance and noise.
+    #[default]
     None,
     /// A gap that no known effect explains.
     Unknown,
@@ -127,7 +128,7 @@ pub struct Number {
 }
 
 /// Noise of tracker and air.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct NoiseTold {
     /// One sigma of the turbulence's acceleration, m/s^2.
     pub turbulence_m_s2: f64,
@@ -140,7 +141,7 @@ pub struct NoiseTold {
 }
 
 /// Where the gap lies.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Place {
     /// The stage of the best candidate, where there is one.
     pub stage: Option<&'static str>,
@@ -162,7 +163,7 @@ pub struct Place {
 }
 
 /// Evidence of an acceleration that swings.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Frequency {
     /// Frequency, Hz.
     pub hz: f64,

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// A figure with its interval of 90 % over flights; equal ends where there is one flight.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
     /// The figure.
     pub value: f64,
@@ -25,7 +25,7 @@ pub struct Figure {
 }
 
 /// The gap at four levels: the rig as it is, its numbers re-fitted, with the effect, and what is left to noise.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Gap {
     /// Negative log-likelihood a sighting.
     pub metric: &'static str,
@@ -48,7 +48,7 @@ pub struct Gap {
 }
 
 /// RMS prediction errors at 0.5, 1 and 2 s, m; `null` where flights are too short.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct KStep {
     /// The rig as it is.
     pub nominal: [Option<Figure>; 3],
