@@ -1,6 +1,7 @@
 //! From flights to a verdict, and what is told of it.
 
 use bench_plant::effects::{LIBRARY, Stage};
+use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
 use crate::{
@@ -39,6 +40,8 @@ pub struct Diagnosis {
     pub candidates: Vec<Candidate>,
     /// The rig's numbers after the fit without effects.
     pub numbers: Vec<Number>,
+    /// The same with the best effects.
+    pub numbers_with_effect: Vec<Number>,
     /// Noise as fitted without effects.
     pub noise: NoiseTold,
     /// How large the gap is, and how far it shrinks.
@@ -237,6 +240,7 @@ impl Diagnosis {
             calibration: calibration.clone(),
             set,
             numbers: numbers(problem, null),
+            numbers_with_effect: numbers(problem, best),
             noise: NoiseTold {
                 turbulence_m_s2: null.noise.turbulence,
                 turbulence_time_s: null.noise.turbulence_time_s,
@@ -261,6 +265,45 @@ impl Diagnosis {
             candidates,
         }
     }
+}
+
+impl Diagnosis {
+    /// The rig with the named effects added and its numbers as fitted beside them; `None` where no effect is named.
+    pub fn rig_with_effect(&self, rig: &Rig) -> Option<Rig> {
+        if self.verdict != Verdict::Effect {
+            return None;
+        }
+        let told = self.candidates.iter().find(|candidate| candidate.effects == self.effects)?;
+        let mut rig = rig.clone();
+        let a = &mut rig.airframe;
+        for number in &self.numbers_with_effect {
+            let value = match number.name {
+                "mass_kg" => &mut a.mass_kg.value,
+                "thrust_gain" => &mut a.thrust.gain_n_per_unit.value,
+                "thrust_offset" => &mut a.thrust.offset.value,
+                "ground_effect_multiplier" => &mut a.ground_effect.multiplier.value,
+                "ground_effect_height_m" => &mut a.ground_effect.height_m.value,
+                "drag_n_s_per_m" => &mut a.drag_n_s_per_m.value,
+                "tracker_latency_s" => &mut rig.tracker.latency_s.value,
+                _ => continue,
+            };
+            *value = six_digits(number.fitted);
+        }
+        for effect in &self.effects {
+            let own = told.parameters.iter().filter(|p| p.effect == *effect);
+            rig.effects.push(EffectEntry {
+                name: (*effect).to_owned(),
+                parameters: own.map(|p| (p.name.to_owned(), six_digits(p.value), 0)).collect(),
+                at: Location { file: "diagnosis".into(), line: 0 },
+            });
+        }
+        Some(rig)
+    }
+}
+
+/// More digits than a fit knows, fewer than a file wants.
+fn six_digits(x: f64) -> f64 {
+    format!("{x:.5e}").parse().unwrap_or(x)
 }
 
 fn candidates(weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candidate> {

@@ -8,6 +8,7 @@ use bench_plant::effects::LIBRARY;
 use bench_rig::Rig;
 use serde::Serialize;
 
+use crate::law::known;
 use crate::track::{Pin, Track};
 
 /// What the direct channels say.
@@ -56,6 +57,9 @@ pub fn direct(tracks: &[Track], rig: &Rig) -> Direct {
     ticks(tracks, &mut out);
     frames(tracks, rig, &mut out);
     arrivals(tracks, &mut out);
+    // What the rig says is there is no finding.
+    let known = known(rig);
+    out.effects.retain(|found| known.iter().all(|(effect, _)| *effect != found.effect));
     out
 }
 

@@ -1,8 +1,10 @@
 //! The vertical model at one point of its parameter space, through the same laws as the simulator.
 
+use std::sync::Arc;
+
 use bench_device::Sticks;
 use bench_plant::{
-    effects::{Effects, LIBRARY, Parameter},
+    effects::{Effects, LIBRARY, Parameter, resolve_all},
     nominal::{Air, Forces, Nominal},
 };
 use bench_rig::{GRAVITY_M_S2, Rig};
@@ -27,6 +29,11 @@ pub const LATENCY: usize = 6;
 /// Index of the tracker's origin.
 pub const BIAS: usize = 7;
 
+/// The effects that a rig lists; none if it lists them wrongly, which whoever loads a rig for use is told elsewhere.
+pub fn known(rig: &Rig) -> Arc<[(usize, Vec<f64>)]> {
+    resolve_all(&rig.effects).unwrap_or_default().into()
+}
+
 /// One sigma of an ordinary tracker's origin, m, where its resolution says less.
 const LEAST_BIAS_M: f64 = 5e-4;
 
@@ -37,6 +44,8 @@ pub struct Point {
     pub nuisances: [f64; 8],
     /// Library index and values in the order of the spec.
     pub effects: Vec<(usize, Vec<f64>)>,
+    /// The same of those that the rig says are there: part of the nominal model.
+    pub known: Arc<[(usize, Vec<f64>)]>,
 }
 
 /// One coordinate of a point.
@@ -70,7 +79,12 @@ impl Point {
         let bias = (0.2 * rig.tracker.resolution_m).max(LEAST_BIAS_M);
         let with = |[a, b, c, d, e, f, g]: [f64; 7], last: f64| [a, b, c, d, e, f, g, last];
         let values = with(all.map(|x| x.value), 0.0);
-        (Self { nuisances: values, effects: Vec::new() }, with(all.map(|x| x.sigma), bias))
+        (Self { nuisances: values, effects: Vec::new(), known: known(rig) }, with(all.map(|x| x.sigma), bias))
+    }
+
+    /// All effects that act: the rig's own, then the hypothesis'.
+    pub fn acting(&self) -> impl Iterator<Item = &(usize, Vec<f64>)> {
+        self.known.iter().chain(&self.effects)
     }
 
     /// The value at a coordinate.
@@ -120,7 +134,7 @@ impl Law {
         airframe.drag_n_s_per_m.value = n[5];
         let nominal = Nominal::new(&airframe);
         let mut effects = Effects::default();
-        for (index, values) in point.effects.iter().filter(|(index, _)| !is_random(*index)) {
+        for (index, values) in point.acting().filter(|(index, _)| !is_random(*index)) {
             effects.add(*index, values, rig, 0);
         }
         let mut mass_kg = nominal.mass_kg;
@@ -135,11 +149,11 @@ impl Law {
             latency_s: n[LATENCY],
             scale: (1.0, n[BIAS]),
         };
-        for (index, values) in &point.effects {
+        for (index, values) in point.acting() {
             match LIBRARY[*index].name {
                 // A wait is never negative: jitter's mean adds to the latency.
                 "tracker-latency" | "tracker-jitter" => law.latency_s += values[0],
-                "tracker-scale" => law.scale = (1.0 + values[0], n[BIAS] + values[1]),
+                "tracker-scale" => law.scale = (law.scale.0 * (1.0 + values[0]), law.scale.1 + values[1]),
                 _ => {}
             }
         }

@@ -29,7 +29,7 @@ pub fn is_random(effect: usize) -> bool {
 /// Noise with what a point's random effects add.
 pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
     let mut noise = *noise;
-    for (effect, values) in &point.effects {
+    for (effect, values) in point.acting() {
         match LIBRARY[*effect].name {
             "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
             "tracker-jitter" => noise.jitter_s = values[0],

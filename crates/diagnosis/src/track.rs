@@ -1,11 +1,12 @@
 //! A flight as the filter sees it: what the pins held, and what the tracker saw when.
 
-use bench_device::{PositionSample, Time, TrackStatus};
+use bench_device::{PositionSample, Sticks, Time, TrackStatus};
+use bench_plant::effects::Effects;
 use bench_recording::Flight;
 use bench_rig::Rig;
 use thiserror::Error;
 
-use crate::direct::readback_sigma;
+use crate::{direct::readback_sigma, law::known};
 
 /// The sticks' throttle from an instant on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -193,15 +194,37 @@ fn usable(position: &PositionSample) -> bool {
     position.status != TrackStatus::Lost && position.position_m[2].is_finite()
 }
 
+/// What the rig's own actuator effects make of commands on their way to the pins.
+struct Drive(Effects);
+
+impl Drive {
+    fn new(rig: &Rig) -> Self {
+        let mut effects = Effects::default();
+        for (effect, values) in known(rig).iter() {
+            effects.add(*effect, values, rig, 0);
+        }
+        Self(effects)
+    }
+
+    fn throttle(&mut self, sticks: &Sticks) -> f64 {
+        let mut sticks = *sticks;
+        for effect in &mut self.0.actuator {
+            effect.drive(&mut sticks);
+        }
+        sticks.throttle
+    }
+}
+
 /// Commands with the readback that follows each.
 fn pins(flight: &Flight, rig: &Rig) -> Vec<Pin> {
+    let mut drive = Drive::new(rig);
     let mut readbacks = flight.readbacks.iter().peekable();
     let mut pins = Vec::with_capacity(flight.commands.len());
     for (i, command) in flight.commands.iter().enumerate() {
         let until = flight.commands.get(i + 1).map_or(Time::from_nanos(u64::MAX), |next| next.time);
         while readbacks.next_if(|readback| readback.time < command.time).is_some() {}
         let Some(found) = readbacks.next_if(|readback| readback.time < until) else { continue };
-        let (asked, readback) = (command.sticks.throttle, found.readback.sticks.throttle);
+        let (asked, readback) = (drive.throttle(&command.sticks), found.readback.sticks.throttle);
         if asked.is_finite() && readback.is_finite() {
             // A command between two steps may have gone either way: recordings round it.
             let near = |value: f64| rig.output.on_the_pin(&rig.airframe.sticks, value);
@@ -226,13 +249,14 @@ const BELIEVED_SIGMAS: f64 = 4.0;
 fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
     let sigma = readback_sigma(pins, rig);
     let mut pins = pins.iter().peekable();
+    let mut drive = Drive::new(rig);
     flight
         .commands
         .iter()
         .filter(|command| command.sticks.throttle.is_finite())
         .map(|command| {
             let time_s = command.time.seconds();
-            let commanded = rig.output.on_the_pin(&rig.airframe.sticks, command.sticks.throttle);
+            let commanded = rig.output.on_the_pin(&rig.airframe.sticks, drive.throttle(&command.sticks));
             let throttle = pins.next_if(|pin| pin.time_s == time_s).map_or(commanded, |pin| {
                 let plainly_off = (pin.readback - pin.commanded).abs() > BELIEVED_SIGMAS * sigma;
                 if plainly_off { pin.readback } else { pin.commanded }

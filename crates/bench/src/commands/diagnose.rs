@@ -1,8 +1,13 @@
-use std::{fmt::Write as _, path::PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use bench_diagnosis::{Calibration, Candidate, Diagnosis, Figure, Problem, Track, Verdict};
+use bench_plant::effects::resolve_all;
 use bench_recording::Flight;
+use bench_rig::Rig;
 use clap::Args;
 
 use crate::{exit::Exit, files, words};
@@ -12,6 +17,10 @@ use crate::{exit::Exit, files, words};
 #[command(after_help = "Examples:
   bench diagnose --rig rigs/virtual.toml flight-*.mcap
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
+  bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
+
+A rig's own [[effect]] tables are part of the model: flights diagnosed with the rig that --write-rig wrote
+should say `none`.
 
 The rig is the nominal model with its tolerances. All flights must be of one airframe in one condition;
 more and richer flights (launches, steps, descents, low hover) tell more. docs/diagnosis.md has the method,
@@ -23,6 +32,9 @@ pub struct Arguments {
     /// Nominal model with tolerances
     #[arg(long, default_value = files::DEFAULT_RIG)]
     rig: PathBuf,
+    /// Write the rig with the named effect added, as a new rig file
+    #[arg(long, value_name = "FILE")]
+    write_rig: Option<PathBuf>,
     /// Exit with 1 unless the verdict is `none`
     #[arg(long)]
     fail_on_gap: bool,
@@ -32,9 +44,9 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let mut rig = files::rig(&arguments.rig)?;
-    // The rig's own effects belong to its simulations; the nominal model is what is asked about.
-    let ignored = std::mem::take(&mut rig.effects).len();
+    let rig = files::rig(&arguments.rig)?;
+    // The rig's own effects are part of the model that is asked about.
+    resolve_all(&rig.effects)?;
     let (mut tracks, mut warnings) = (Vec::new(), Vec::new());
     for path in &arguments.flights {
         match Track::from_flight(&path.display().to_string(), &Flight::load(path)?, &rig) {
@@ -45,14 +57,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
-    if ignored > 0 {
-        warnings.push(format!(
-            "{} of the rig left out: the nominal model is diagnosed",
-            words::count(ignored as u64, "effect")
-        ));
-    }
     let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in());
     diagnosis.warnings = warnings;
+    if let Some(path) = &arguments.write_rig {
+        write_rig(path, &rig, &diagnosis)?;
+    }
     if arguments.json {
         words::print_json(&diagnosis)?;
     } else {
@@ -60,6 +69,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     let gap = diagnosis.verdict != Verdict::None;
     Ok(if arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+fn write_rig(path: &Path, rig: &Rig, diagnosis: &Diagnosis) -> anyhow::Result<()> {
+    let Some(changed) = diagnosis.rig_with_effect(rig) else {
+        let verdict = &diagnosis.candidates[0].name;
+        bail!("the verdict is {verdict}: there is no effect to write into {}", path.display());
+    };
+    if path.exists() {
+        bail!("{} exists; name another file for the rig", path.display());
+    }
+    std::fs::write(path, changed.to_toml()).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn in_words(diagnosis: &Diagnosis) -> String {

@@ -44,7 +44,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::nominal::Air;
-pub use spec::{EffectError, EffectSpec, Parameter, Prior, Stage, parse_effect};
+pub use spec::{EffectError, EffectSpec, Parameter, Prior, Stage, parse_effect, resolve_all};
 
 /// Every effect the bench knows, by stage from the tracker to the airframe. Those listed in a rig act in this order.
 pub static LIBRARY: [&EffectSpec; 26] = [

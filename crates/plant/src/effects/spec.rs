@@ -212,8 +212,8 @@ pub fn parse_effect(text: &str) -> Result<EffectEntry, EffectError> {
     Ok(EffectEntry { name: name.to_owned(), parameters, at })
 }
 
-/// The library's index and the values, in the order of the spec, of each entry; in the library's order.
-pub(super) fn resolve_all(entries: &[EffectEntry]) -> Result<Vec<(usize, Vec<f64>)>, EffectError> {
+/// The library's index and the values, in the order of the spec, of each of a rig's entries; in the library's order.
+pub fn resolve_all(entries: &[EffectEntry]) -> Result<Vec<(usize, Vec<f64>)>, EffectError> {
     let mut resolved: Vec<(usize, Vec<f64>)> = Vec::with_capacity(entries.len());
     for entry in entries {
         let (index, values) = resolve(entry)?;
