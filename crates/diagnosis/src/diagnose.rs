@@ -445,6 +445,7 @@ fn axis_words(axis: Axis) -> (&'static str, &'static str) {
         Axis::ThrustChange => ("change of thrust over weight", "1"),
         Axis::Time => ("time in flight", "s"),
         Axis::Charge => ("charge drawn", "min of hover"),
+        Axis::Voltage => ("battery voltage", "V"),
     }
 }
 

@@ -115,6 +115,8 @@ pub struct Law {
     effects: Effects,
     mass_kg: f64,
     free_thrust_n: f64,
+    /// Cosine of the tilt, where it was measured.
+    pub tilt_cos: f64,
     /// How much later than the tracker believes an exposure was seen, s, the rig's latency included.
     pub latency_s: f64,
     /// Factor and offset [m] of the altitude as seen.
@@ -146,6 +148,7 @@ impl Law {
             effects,
             mass_kg,
             free_thrust_n: 0.0,
+            tilt_cos: 1.0,
             latency_s: n[LATENCY],
             scale: (1.0, n[BIAS]),
         };
@@ -202,7 +205,7 @@ impl Law {
         Air {
             height_m: z_m,
             velocity_m_s: Vector3::new(0.0, 0.0, speed_m_s),
-            tilt_cos: 1.0,
+            tilt_cos: self.tilt_cos,
             free_thrust_n: self.free_thrust_n,
         }
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::{
     law::{Coordinate, Law, Point},
     smooth::Knot,
-    track::{Sighting, Track},
+    track::{Sighting, Track, held},
 };
 
 /// What disturbs the model, and what blurs the tracker.
@@ -70,7 +70,7 @@ impl Hat {
 }
 
 /// How many quantities there are.
-pub const AXES: usize = 6;
+pub const AXES: usize = 7;
 
 /// A quantity over which a free acceleration may vary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,12 +87,21 @@ pub enum Axis {
     Time,
     /// Integral of the thrust-to-weight ratio, minutes.
     Charge,
+    /// Voltage of the battery, V; 0 where it was not measured.
+    Voltage,
 }
 
 impl Axis {
     /// All of them.
-    pub const ALL: [Self; AXES] =
-        [Self::Altitude, Self::Speed, Self::ThrustToWeight, Self::ThrustChange, Self::Time, Self::Charge];
+    pub const ALL: [Self; AXES] = [
+        Self::Altitude,
+        Self::Speed,
+        Self::ThrustToWeight,
+        Self::ThrustChange,
+        Self::Time,
+        Self::Charge,
+        Self::Voltage,
+    ];
 }
 
 /// Time constant against which a change of thrust is taken, s.
@@ -105,6 +114,7 @@ struct Surroundings {
     lagged_ratio: f64,
     elapsed_s: f64,
     charge_min: f64,
+    voltage: f64,
 }
 
 /// One sighting held against its prediction.
@@ -362,6 +372,7 @@ impl<'a> Filter<'a> {
                 let edge = track.inputs.get(input + 1).map_or(f64::INFINITY, |next| next.time_s);
                 let until = at.min(edge);
                 let throttle = track.inputs[input].throttle;
+                self.look_at_channels(track, now);
                 let steps = ((until - now) / STEP_S).ceil().max(1.0);
                 let h = (until - now) / steps;
                 if h > 0.0 {
@@ -484,6 +495,21 @@ impl<'a> Filter<'a> {
         self.x = [z1, v1, b, w * kept];
     }
 
+    fn look_at_channels(&mut self, track: &Track, now_s: f64) {
+        if !track.tilt.is_empty() {
+            let cosine = held(&track.tilt, now_s).unwrap_or(1.0);
+            self.law.tilt_cos = cosine;
+            for twin in &mut self.twins {
+                if let Source::Law(law, _) = &mut twin.source {
+                    law.tilt_cos = cosine;
+                }
+            }
+        }
+        if !track.voltage.is_empty() {
+            self.around.voltage = held(&track.voltage, now_s).unwrap_or(track.voltage[0].1);
+        }
+    }
+
     fn look_around(&mut self, h: f64, throttle: f64) {
         let around = &mut self.around;
         around.ratio = (self.ratio_per_unit * (throttle - self.offset)).max(0.0);
@@ -496,7 +522,7 @@ impl<'a> Filter<'a> {
     fn axes(&self) -> [f64; AXES] {
         let around = &self.around;
         let change = around.ratio - around.lagged_ratio;
-        [self.x[0], self.x[1], around.ratio, change, around.elapsed_s, around.charge_min]
+        [self.x[0], self.x[1], around.ratio, change, around.elapsed_s, around.charge_min, around.voltage]
     }
 
     /// Holds a sighting against its prediction and learns from it.

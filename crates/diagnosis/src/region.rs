@@ -56,8 +56,8 @@ fn own_axes(effect: usize) -> &'static [Axis] {
         }
         "actuator-lag" | "rotor-lag" => &[Axis::ThrustChange],
         "thrust-curve" | "thrust-loss" => &[Axis::ThrustToWeight],
-        "battery-discharge" => &[Axis::Charge, Axis::Time],
-        "battery-load" => &[Axis::ThrustToWeight, Axis::ThrustChange],
+        "battery-discharge" => &[Axis::Charge, Axis::Time, Axis::Voltage],
+        "battery-load" => &[Axis::ThrustToWeight, Axis::ThrustChange, Axis::Voltage],
         "quadratic-drag" | "descent-thrust-loss" | "inflow-damping" => &[Axis::Speed],
         _ => &[],
     }
@@ -146,6 +146,10 @@ fn waves(problem: &Problem<'_>, fit: &Fit) -> Vec<(f64, f64)> {
 fn knots(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     let (Some(low), Some(high)) = (values.first(), values.last()) else { return Vec::new() };
+    if high - low < 1e-9 {
+        // Never varied, or never measured.
+        return Vec::new();
+    }
     let least = 0.02 * (high - low);
     let mut knots: Vec<f64> = Vec::new();
     for k in 0..KNOTS {

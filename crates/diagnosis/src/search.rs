@@ -29,6 +29,8 @@ const FITTED: [&str; 16] = [
     "inflow-damping",
 ];
 
+/// Cosine of a tilt that would show, if vertical thrust were not kept up in it.
+const TILTED: f64 = 0.995;
 /// The best singles on which pairs are built.
 const PAIR_BASES: usize = 3;
 /// So many of the most promising are fitted.
@@ -52,7 +54,10 @@ impl Search {
     /// Fits all hypotheses that are worth it.
     pub fn of(problem: &Problem<'_>) -> Self {
         let null = problem.fit_null();
-        let effects = fitted_effects();
+        let mut effects = fitted_effects();
+        if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
+            effects.extend(LIBRARY.iter().position(|spec| spec.name == "tilt-loss"));
+        }
         // Where frames keep a clock, jitter shows in their arrivals or nowhere.
         let clocked = problem.tracks.iter().any(|track| !track.waits_s.is_empty());
         let random: Vec<usize> = (0..LIBRARY.len())

@@ -15,7 +15,7 @@ use crate::{
     gap::Figure,
     law::Point,
     pass::fly_track,
-    track::Track,
+    track::{Input, Track, held},
 };
 
 /// A stage's share of the gap between the rig as it is and the best hypothesis.
@@ -36,6 +36,7 @@ enum Player {
     Loop,
     Output,
     Frames,
+    Rotor,
     Numbers,
     Effect,
 }
@@ -60,6 +61,9 @@ pub fn stages(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<StageShare> 
     }
     if differ(as_believed) {
         players.push(Player::Frames);
+    }
+    if problem.tracks.iter().all(|track| with_rotor(track, problem).is_some()) {
+        players.push(Player::Rotor);
     }
     players.push(Player::Numbers);
     if !best.point.effects.is_empty() {
@@ -95,6 +99,7 @@ pub fn stages(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<StageShare> 
                 Player::Loop => ("loop", "scheduled by recorded times of the commands"),
                 Player::Output => ("output", "commanded by read-back outputs"),
                 Player::Frames => ("frames", "believed exposures by the frames' own clock"),
+                Player::Rotor => ("rotor", "throttle by the square of the rotors' speed"),
                 Player::Numbers => ("numbers", "the rig's numbers by fitted ones"),
                 Player::Effect => (
                     LIBRARY[best.point.effects[0].0].stage.name(),
@@ -134,6 +139,9 @@ fn value(problem: &Problem<'_>, null: &Fit, best: &Fit, players: &[Player], set:
             if players.contains(&Player::Frames) && !has(Player::Frames) {
                 as_believed(&mut track);
             }
+            if let Some(measured) = has(Player::Rotor).then(|| with_rotor(&track, problem)).flatten() {
+                track = measured;
+            }
             -fly_track(&track, problem.rig, &point, &noise, &[]).nll
         })
         .collect()
@@ -166,6 +174,33 @@ fn as_believed(track: &mut Track) {
     for sighting in &mut track.sightings {
         sighting.exposed_s = sighting.believed_s;
     }
+}
+
+/// A track whose throttle is that which would hold the rotors at their measured speed: thrust goes with its square, by
+/// a factor that this flight's own mean tells. `None` without rotors that turned.
+fn with_rotor(track: &Track, problem: &Problem<'_>) -> Option<Track> {
+    let offset = problem.rig.airframe.thrust.offset.value;
+    let at: Vec<(f64, f64, f64)> = track
+        .inputs
+        .iter()
+        .filter(|input| input.throttle > offset)
+        .filter_map(|input| Some((input.time_s, input.throttle - offset, held(&track.rotor, input.time_s)?)))
+        .collect();
+    let square: f64 = at.iter().map(|(_, _, square)| square).sum();
+    if square <= 0.0 || at.is_empty() {
+        return None;
+    }
+    let per_square = at.iter().map(|(_, throttle, _)| throttle).sum::<f64>() / square;
+    let (first_s, last_s) = (at[0].0, at[at.len() - 1].0);
+    let mut measured = track.clone();
+    let outside = track.inputs.iter().filter(|input| input.time_s < first_s || input.time_s > last_s);
+    let inside = track.rotor.iter().filter(|(time_s, _)| (first_s..=last_s).contains(time_s));
+    measured.inputs = outside.copied().collect();
+    measured
+        .inputs
+        .extend(inside.map(|(time_s, square)| Input { time_s: *time_s, throttle: offset + per_square * square }));
+    measured.inputs.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    Some(measured)
 }
 
 fn shapley(values: &[Vec<f64>], players: usize, player: usize, flights: &[usize]) -> f64 {

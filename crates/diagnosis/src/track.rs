@@ -52,6 +52,12 @@ pub struct Track {
     pub lateness_s: Vec<f64>,
     /// The same of each of `inputs`, against the usual; zero where it is not known.
     pub late_s: Vec<f64>,
+    /// Cosine of the tilt from each instant [s] on; empty where attitude was not measured.
+    pub tilt: Vec<(f64, f64)>,
+    /// Voltage of the battery from each instant [s] on, V; empty where it was not measured.
+    pub voltage: Vec<(f64, f64)>,
+    /// Mean square speed of the rotors from each instant [s] on, rad^2/s^2; empty where it was not measured.
+    pub rotor: Vec<(f64, f64)>,
     /// How many frames came, as far as frames have a clock.
     pub frames_told: usize,
     /// Lengths of gaps between them, frames.
@@ -174,6 +180,9 @@ impl Track {
             pins,
             late_s: late_inputs_s(flight),
             lateness_s: lateness_s(flight),
+            tilt: tilt(flight),
+            voltage: voltage(flight),
+            rotor: rotor(flight),
             frames_told,
             bursts,
             waits_s,
@@ -269,6 +278,35 @@ fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
 /// How late iterations started; against the usual interval where no schedule was kept.
 fn lateness_s(flight: &Flight) -> Vec<f64> {
     flight.ticks.iter().skip(1).map(|tick| tick.started.since_s(tick.scheduled)).collect()
+}
+
+/// What stood at an instant in a series that rises in time; `None` before its first.
+pub fn held(series: &[(f64, f64)], time_s: f64) -> Option<f64> {
+    let after = series.partition_point(|(from_s, _)| *from_s <= time_s);
+    after.checked_sub(1).map(|i| series[i].1)
+}
+
+fn tilt(flight: &Flight) -> Vec<(f64, f64)> {
+    let measured = flight.motion.iter().filter_map(|motion| {
+        let [roll, pitch, _] = motion.attitude_rad;
+        let cosine = roll?.cos() * pitch?.cos();
+        cosine.is_finite().then(|| (motion.time.seconds(), cosine))
+    });
+    measured.collect()
+}
+
+fn voltage(flight: &Flight) -> Vec<(f64, f64)> {
+    let measured = flight.battery.iter().filter(|battery| battery.voltage_v.is_finite());
+    measured.map(|battery| (battery.time.seconds(), battery.voltage_v)).collect()
+}
+
+fn rotor(flight: &Flight) -> Vec<(f64, f64)> {
+    let measured = flight.rotor.iter().filter_map(|rotor| {
+        let speeds: Vec<f64> = rotor.speed_rad_s.iter().flatten().copied().filter(|w| w.is_finite()).collect();
+        let square = speeds.iter().map(|w| w * w).sum::<f64>() / speeds.len().max(1) as f64;
+        (!speeds.is_empty()).then(|| (rotor.time.seconds(), square))
+    });
+    measured.collect()
 }
 
 /// How late each command's iteration started, against the median.
