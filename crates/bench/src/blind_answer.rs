@@ -73,8 +73,9 @@ fn group(diagnosis: &Diagnosis) -> Vec<String> {
         .iter()
         .map(|likeness| {
             let named = diagnosis.effects.iter();
-            let swapped: Vec<&str> =
-                named.map(|effect| if *effect == likeness.effect { likeness.like } else { *effect }).collect();
+            let swapped: Vec<&str> = named
+                .map(|effect| if *effect == likeness.effect { likeness.like } else { *effect })
+                .collect();
             swapped.join("+")
         })
         .collect();

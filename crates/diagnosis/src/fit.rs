@@ -163,6 +163,7 @@ impl<'a> Problem<'a> {
             jitter_s: 0.0,
             outlier_probability: 0.0,
             outlier_m: 0.0,
+            stale_probability: 0.0,
         };
         Self { tracks, rig, nominal, sigma, noise }
     }
@@ -396,6 +397,9 @@ impl<'a> Problem<'a> {
     }
 }
 
+/// A sag that takes longer to recover is told as discharge, s.
+const SLOWEST_SAG_S: f64 = 4.0;
+
 /// The coordinates of one effect.
 pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
     LIBRARY[effect].parameters.iter().enumerate().map(move |(parameter, p)| {
@@ -403,7 +407,12 @@ pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<It
             Prior::Normal { mean, sigma } => (false, mean, sigma),
             Prior::LogNormal { median, sigma_ln } => (true, median.ln(), sigma_ln),
         };
-        Free { at: Coordinate::Effect { slot, parameter }, logarithmic, mean, sigma, range: (p.min, p.max) }
+        let most = if (LIBRARY[effect].name, p.key) == ("battery-load", "time_constant_s") {
+            SLOWEST_SAG_S
+        } else {
+            p.max
+        };
+        Free { at: Coordinate::Effect { slot, parameter }, logarithmic, mean, sigma, range: (p.min, most) }
     })
 }
 

@@ -31,6 +31,8 @@ pub struct Noise {
     pub outlier_probability: f64,
     /// One sigma of wrong places about the right one, m.
     pub outlier_m: f64,
+    /// Share of iterations whose sighting is that of the iteration before, in logs that hold the newest frame.
+    pub stale_probability: f64,
 }
 
 /// Something whose small change the innovations feel.
@@ -42,8 +44,23 @@ pub enum Direction {
     Added(usize, Vec<f64>),
     /// An acceleration of 1 m/s^2 that swings at a frequency, Hz, with a phase, rad, from take-off on.
     Wave(f64, f64),
+    /// A free offset of sightings.
+    Seen(Seen),
     /// A free acceleration of 1 m/s^2 where a quantity is near a knot, falling linearly to its neighbours.
     Hat(Hat),
+}
+
+/// What a tracker may get wrong, per unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Seen {
+    /// 1 m near an altitude.
+    Altitude(Hat),
+    /// 1 m at a thrust of twice the weight, none at the weight.
+    Thrust,
+    /// 1 m a second of flight.
+    Time,
+    /// Latency that grows by 1 s a second of flight.
+    Latency,
 }
 
 /// One hat function of a quantity.
@@ -226,6 +243,8 @@ pub type State = [f64; 4];
 pub type Covariance = [[f64; 4]; 4];
 /// Longest integration step, s.
 const STEP_S: f64 = 0.034;
+/// A repeated reading is stale if it is so many sigma off the prediction.
+const STALE_SIGMAS: f64 = 2.5;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
 const NEAR_GROUND_M: f64 = 0.07;
 /// Process noise there, m/s^2 per root Hz.
@@ -247,6 +266,7 @@ enum Source {
     Hat(Hat),
     /// Frequency, rad/s, and phase.
     Wave(f64, f64),
+    Seen(Seen),
 }
 
 struct Filter<'a> {
@@ -256,6 +276,8 @@ struct Filter<'a> {
     probes: Vec<Probe>,
     forks: Vec<Fork>,
     standing: bool,
+    last_z_m: Option<f64>,
+    step_m: f64,
     /// Where asked for: what was known at each sighting, and the transition since the last.
     knots: Option<(Vec<Knot>, Covariance)>,
     next_fork_s: f64,
@@ -335,6 +357,7 @@ impl<'a> Filter<'a> {
                         Source::Law(Box::new(Law::new(&moved, rig)), 1.0)
                     }
                     Direction::Hat(hat) => Source::Hat(*hat),
+                    Direction::Seen(seen) => Source::Seen(*seen),
                     Direction::Wave(hz, phase_rad) => Source::Wave(std::f64::consts::TAU * hz, *phase_rad),
                 };
                 Twin { source, sensitivity: [0.0; 4] }
@@ -353,6 +376,8 @@ impl<'a> Filter<'a> {
             probes: if directions.is_empty() { Vec::new() } else { Probe::around(noise).to_vec() },
             forks: Vec::new(),
             standing: true,
+            last_z_m: None,
+            step_m: rig.tracker.resolution_m.max(1e-4),
             next_fork_s: track.begin_s + SETTLE_S,
             knots: None,
             noise,
@@ -469,6 +494,7 @@ impl<'a> Filter<'a> {
                 }
                 Source::Hat(hat) => hat.at(axes[hat.axis as usize]),
                 Source::Wave(rad_s, phase) => (*rad_s * self.around.elapsed_s + *phase).sin(),
+                Source::Seen(_) => 0.0,
             };
             twin.sensitivity = f.apply(twin.sensitivity);
             twin.sensitivity[0] += h * h / 2.0 * push;
@@ -531,7 +557,13 @@ impl<'a> Filter<'a> {
         let (factor, offset) = self.law.scale;
         let predicted = factor * z + offset;
         let residual = sighting.z_m - predicted;
-        let seen = Seen { factor, speed_m_s: v, timing_s };
+        let seen = Sight {
+            factor,
+            speed_m_s: v,
+            timing_s,
+            repeats: self.last_z_m == Some(sighting.z_m),
+            step_m: self.step_m,
+        };
         for (twin, out) in self.twins.iter().zip(&mut self.row) {
             let shift = match &twin.source {
                 Source::Law(law, inverse_step) => {
@@ -539,9 +571,14 @@ impl<'a> Filter<'a> {
                     (law.scale.0 * z + law.scale.1 - predicted - later_s * v * factor) * inverse_step
                 }
                 Source::Hat(_) | Source::Wave(..) => 0.0,
+                Source::Seen(Seen::Altitude(hat)) => hat.at(z),
+                Source::Seen(Seen::Thrust) => self.around.ratio - 1.0,
+                Source::Seen(Seen::Time) => self.around.elapsed_s,
+                Source::Seen(Seen::Latency) => -v * factor * self.around.elapsed_s,
             };
             *out = factor * twin.sensitivity[0] + shift;
         }
+        self.last_z_m = Some(sighting.z_m);
         let (nll, s, weight) = seen.score(&self.p, self.noise, residual);
         if sighting.counts {
             self.pass.nll += nll;
@@ -680,13 +717,17 @@ fn ground(p: &mut Covariance) {
 }
 
 /// A sighting beside its prediction.
-struct Seen {
+struct Sight {
     factor: f64,
     speed_m_s: f64,
     timing_s: f64,
+    /// It is the same as the one before.
+    repeats: bool,
+    /// Resolution, m.
+    step_m: f64,
 }
 
-impl Seen {
+impl Sight {
     /// Negative log-likelihood, variance of the innovation, and its weight (Huber's).
     #[inline]
     fn score(&self, p: &Covariance, noise: &Noise, residual: f64) -> (f64, f64, f64) {
@@ -700,6 +741,21 @@ impl Seen {
             let far = noise.outlier_probability * (-0.5 * residual * residual / wide).exp() / wide.sqrt();
             let total = (narrow + far).max(1e-300);
             return (-total.ln(), s, narrow / total);
+        }
+        if noise.stale_probability > 0.0 {
+            // Readings that a fresh frame would give too say nothing: rounding repeats them.
+            // The same reading again has a probability, not a density: that over the width of a step.
+            // Readings that a fresh frame would give too say nothing: rounding repeats them.
+            let again = if self.repeats && u2 > STALE_SIGMAS * STALE_SIGMAS {
+                noise.stale_probability / self.step_m
+            } else {
+                0.0
+            };
+            let fresh = (1.0 - noise.stale_probability) * (-0.5 * u2.min(80.0)).exp()
+                / (std::f64::consts::TAU * s).sqrt();
+            let total = (fresh + again).max(1e-300);
+            // As without, but for the constant that all others leave out.
+            return (-total.ln() - 0.5 * std::f64::consts::TAU.ln(), s, fresh / total);
         }
         if u2 <= HUBER * HUBER {
             (0.5 * u2 + 0.5 * s.ln(), s, 1.0)

@@ -10,7 +10,8 @@ use crate::{
 };
 
 /// Names of the effects of this kind.
-pub const RANDOM: [&str; 4] = ["tracker-noise", "tracker-jitter", "tracker-outliers", "gusts"];
+pub const RANDOM: [&str; 5] =
+    ["tracker-noise", "tracker-jitter", "tracker-dropout", "tracker-outliers", "gusts"];
 
 /// What is slower than this is a drift, not a gust, s.
 const LONGEST_GUST_S: f64 = 4.0;
@@ -32,6 +33,7 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
     for (effect, values) in point.acting() {
         match LIBRARY[*effect].name {
             "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
+            "tracker-dropout" => noise.stale_probability = values[0],
             "tracker-jitter" => noise.jitter_s = values[0],
             // Wrong places are few, and far off against the noise: else it is noise.
             "tracker-outliers" => {
@@ -93,7 +95,7 @@ pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit>
     let mut noise = base.noise;
     match LIBRARY[effect].name {
         "gusts" => noise.turbulence = problem.noise.turbulence,
-        "tracker-jitter" => {}
+        "tracker-jitter" | "tracker-dropout" => {}
         _ => noise.sighting_m = problem.noise.sighting_m,
     }
     let (value, start) = grid

@@ -4,12 +4,13 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, Stage};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::{
     fit::{Fit, Problem, add_prior},
-    pass::{Axis, Direction, Hat, run},
+    pass::{Axis, Direction, Hat, Seen, run},
+    random::is_random,
 };
 
 /// A free acceleration over one quantity.
@@ -36,6 +37,9 @@ pub struct Regions {
     pub ceiling: f64,
     /// The part of it that lies along the fitted effects' own quantities: their laws may be of another form.
     pub form: f64,
+    /// Offsets of sightings over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
+    /// Those that another form of the fitted effects' laws may bring about are left out.
+    pub tracker: Vec<(&'static str, f64)>,
     /// Accelerations that swing, each flight with its own size and phase: frequency, Hz, and gain of log-evidence.
     pub waves: Vec<(f64, f64)>,
 }
@@ -64,6 +68,8 @@ fn own_axes(effect: usize) -> &'static [Axis] {
 }
 
 const KNOTS: usize = 6;
+/// Along the altitude things may be narrow.
+const ALTITUDE_KNOTS: usize = 12;
 /// Prior widths that are tried, m/s^2.
 const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
 
@@ -73,16 +79,28 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let mut directions = problem.directions(&fit.point);
     let fitted = directions.len();
     let (mut knots_by_axis, mut hat_axes) = (Vec::new(), Vec::new());
+    let mut altitudes = Vec::new();
     for (index, axis) in Axis::ALL.into_iter().enumerate() {
-        let knots = knots(plain.innovations().map(|innovation| innovation.axes[index]).collect());
+        let most = if axis == Axis::Altitude { ALTITUDE_KNOTS } else { KNOTS };
+        let knots = knots(plain.innovations().map(|innovation| innovation.axes[index]).collect(), most);
         for k in 0..knots.len() {
             let at = |i: usize| knots[i];
             let neighbours = [at(k.saturating_sub(1)), at(k), at((k + 1).min(knots.len() - 1))];
             directions.push(Direction::Hat(Hat { axis, knots: neighbours }));
             hat_axes.push(axis);
         }
+        if axis == Axis::Altitude {
+            altitudes.clone_from(&knots);
+        }
         knots_by_axis.push(knots);
     }
+    let forces = directions.len() - fitted;
+    for k in 0..altitudes.len() {
+        let neighbours =
+            [altitudes[k.saturating_sub(1)], altitudes[k], altitudes[(k + 1).min(altitudes.len() - 1)]];
+        directions.push(Direction::Seen(Seen::Altitude(Hat { axis: Axis::Altitude, knots: neighbours })));
+    }
+    directions.extend([Seen::Thrust, Seen::Time, Seen::Latency].map(Direction::Seen));
     let pass = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &directions);
     let (information, gradient) = project(fit, &pass.information, &pass.gradient, fitted);
 
@@ -92,12 +110,25 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         let n = knots.len();
         let f = information.view((first, first), (n, n)).into_owned();
         let g = gradient.rows(first, n).into_owned();
-        let (gain, width) = best_gain(&f, &g);
+        let (gain, width) = best_gain(&f, &g, &WIDTHS);
         let (acceleration_m_s2, sigma_m_s2) = solution(&f, &g, width);
         axes.push(Region { axis, knots, acceleration_m_s2, sigma_m_s2, gain });
         first += n;
     }
-    let (ceiling, _) = best_gain(&information, &gradient);
+    let f = information.view((0, 0), (forces, forces)).into_owned();
+    let (ceiling, _) = best_gain(&f, &gradient.rows(0, forces).into_owned(), &WIDTHS);
+    let mut tracker = seen(&information, &gradient, forces, altitudes.len());
+    tracker.retain(|(name, _)| {
+        let like: &[Axis] = match *name {
+            "altitude" => &[Axis::Altitude, Axis::Speed],
+            "thrust" | "latency" => &[Axis::ThrustToWeight, Axis::ThrustChange, Axis::Charge],
+            _ => &[Axis::Charge, Axis::Time],
+        };
+        let explains = |effect: &usize| own_axes(*effect).iter().any(|axis| like.contains(axis));
+        !fit.effects()
+            .iter()
+            .any(|effect| explains(effect) || LIBRARY[*effect].stage == Stage::Tracker || is_random(*effect))
+    });
     let own: Vec<usize> = hat_axes
         .iter()
         .enumerate()
@@ -106,8 +137,36 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         .collect();
     let f = DMatrix::from_fn(own.len(), own.len(), |i, j| information[(own[i], own[j])]);
     let g = DVector::from_fn(own.len(), |i, _| gradient[own[i]]);
-    let form = if own.is_empty() { 0.0 } else { best_gain(&f, &g).0 };
-    Regions { axes, ceiling, form, waves: waves(problem, fit) }
+    let form = if own.is_empty() { 0.0 } else { best_gain(&f, &g, &WIDTHS).0 };
+    Regions { axes, ceiling, form, tracker, waves: waves(problem, fit) }
+}
+
+/// Prior widths of what a tracker gets wrong: m over altitude and thrust, m/s over time, s/s of latency.
+const OFFSETS_M: [f64; 5] = [5e-4, 1e-3, 2e-3, 5e-3, 0.02];
+const THRUST_OFFSETS_M: [f64; 4] = [0.003, 0.01, 0.03, 0.1];
+const DRIFTS_M_S: [f64; 4] = [1e-5, 1e-4, 3e-4, 1e-3];
+const LATENCY_DRIFTS: [f64; 4] = [2e-4, 6e-4, 2e-3, 6e-3];
+
+fn seen(
+    information: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    first: usize,
+    hats: usize,
+) -> Vec<(&'static str, f64)> {
+    let parts: [(&str, usize, usize, &[f64]); 4] = [
+        ("altitude", first, hats, &OFFSETS_M),
+        ("thrust", first + hats, 1, &THRUST_OFFSETS_M),
+        ("time", first + hats + 1, 1, &DRIFTS_M_S),
+        ("latency", first + hats + 2, 1, &LATENCY_DRIFTS),
+    ];
+    parts
+        .into_iter()
+        .map(|(name, at, n, widths)| {
+            let f = information.view((at, at), (n, n)).into_owned();
+            let g = gradient.rows(at, n).into_owned();
+            (name, best_gain(&f, &g, widths).0)
+        })
+        .collect()
 }
 
 /// Lowest and highest frequency of waves, Hz, and how many are tried, evenly in the logarithm.
@@ -143,7 +202,7 @@ fn waves(problem: &Problem<'_>, fit: &Fit) -> Vec<(f64, f64)> {
 }
 
 /// Quantiles of what was flown, those that coincide left out.
-fn knots(mut values: Vec<f64>) -> Vec<f64> {
+fn knots(mut values: Vec<f64>, most: usize) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     let (Some(low), Some(high)) = (values.first(), values.last()) else { return Vec::new() };
     if high - low < 1e-9 {
@@ -152,8 +211,8 @@ fn knots(mut values: Vec<f64>) -> Vec<f64> {
     }
     let least = 0.02 * (high - low);
     let mut knots: Vec<f64> = Vec::new();
-    for k in 0..KNOTS {
-        let at = values[k * (values.len() - 1) / (KNOTS - 1)];
+    for k in 0..most {
+        let at = values[k * (values.len() - 1) / (most - 1)];
         if knots.last().is_none_or(|last| at - last > least) {
             knots.push(at);
         }
@@ -185,9 +244,10 @@ fn project(
 }
 
 /// The best gain over the prior widths, and that width.
-fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>) -> (f64, f64) {
-    WIDTHS
-        .into_iter()
+fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>, widths: &[f64]) -> (f64, f64) {
+    widths
+        .iter()
+        .copied()
         .filter_map(|s| {
             let n = g.len();
             let posterior = (f + DMatrix::identity(n, n) * s.powi(-2)).cholesky()?;
@@ -195,7 +255,7 @@ fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>) -> (f64, f64) {
             let half_ln_det = posterior.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
             Some((quadratic - half_ln_det - n as f64 * s.ln(), s))
         })
-        .fold((0.0, WIDTHS[0]), |best, this| if this.0 > best.0 { this } else { best })
+        .fold((0.0, widths[0]), |best, this| if this.0 > best.0 { this } else { best })
 }
 
 fn solution(f: &DMatrix<f64>, g: &DVector<f64>, s: f64) -> (Vec<f64>, Vec<f64>) {

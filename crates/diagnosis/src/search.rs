@@ -58,10 +58,13 @@ impl Search {
         if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
             effects.extend(LIBRARY.iter().position(|spec| spec.name == "tilt-loss"));
         }
-        // Where frames keep a clock, jitter shows in their arrivals or nowhere.
+        // Where frames keep a clock, what is late or lost shows in their arrivals or nowhere.
         let clocked = problem.tracks.iter().any(|track| !track.waits_s.is_empty());
         let random: Vec<usize> = (0..LIBRARY.len())
-            .filter(|effect| is_random(*effect) && !(clocked && LIBRARY[*effect].name == "tracker-jitter"))
+            .filter(|effect| {
+                is_random(*effect)
+                    && !(clocked && ["tracker-jitter", "tracker-dropout"].contains(&LIBRARY[*effect].name))
+            })
             .collect();
         let promises = problem.promises(&null, &effects, SINGLES_REFINED);
         let mut singles = refine(problem, &null, promises);

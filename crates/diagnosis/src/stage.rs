@@ -196,9 +196,9 @@ fn with_rotor(track: &Track, problem: &Problem<'_>) -> Option<Track> {
     let outside = track.inputs.iter().filter(|input| input.time_s < first_s || input.time_s > last_s);
     let inside = track.rotor.iter().filter(|(time_s, _)| (first_s..=last_s).contains(time_s));
     measured.inputs = outside.copied().collect();
-    measured
-        .inputs
-        .extend(inside.map(|(time_s, square)| Input { time_s: *time_s, throttle: offset + per_square * square }));
+    measured.inputs.extend(
+        inside.map(|(time_s, square)| Input { time_s: *time_s, throttle: offset + per_square * square }),
+    );
     measured.inputs.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     Some(measured)
 }

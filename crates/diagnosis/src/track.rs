@@ -302,7 +302,8 @@ fn voltage(flight: &Flight) -> Vec<(f64, f64)> {
 
 fn rotor(flight: &Flight) -> Vec<(f64, f64)> {
     let measured = flight.rotor.iter().filter_map(|rotor| {
-        let speeds: Vec<f64> = rotor.speed_rad_s.iter().flatten().copied().filter(|w| w.is_finite()).collect();
+        let speeds: Vec<f64> =
+            rotor.speed_rad_s.iter().flatten().copied().filter(|w| w.is_finite()).collect();
         let square = speeds.iter().map(|w| w * w).sum::<f64>() / speeds.len().max(1) as f64;
         (!speeds.is_empty()).then(|| (rotor.time.seconds(), square))
     });

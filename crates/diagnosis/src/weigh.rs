@@ -24,6 +24,10 @@ const FORMS_WEIGHED: usize = 6;
 /// A form may add this share of what its effect gains itself, and such a share of what is seen along its quantities.
 const FORM_OF_GAIN: f64 = 0.35;
 const FORM_BELIEVED: f64 = 0.9;
+/// So much of its gain may lie along an effect's own quantities without being called unknown.
+const FORM_LEFT_OF_GAIN: f64 = 0.8;
+/// Forgiven where nothing is named: flights without an effect leave next to nothing.
+const FORGIVEN_NONE_NATS: f64 = 5.0;
 
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
@@ -129,6 +133,10 @@ fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
 
 /// What a second effect must gain, because the first one's law may be of another form.
 fn forgiven(search: &Search, fit: usize, effects: &[usize]) -> f64 {
+    if effects.len() == 2 && search.fits[fit].point.effects.len() == 1 {
+        // A channel was read wrongly by a law of another form, and the flight is fed with that.
+        return FORGIVEN_NATS / 2.0;
+    }
     if search.fits[fit].point.effects.len() < 2 {
         return 0.0;
     }
@@ -161,7 +169,7 @@ fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypoth
 fn unexplained(best: &Hypothesis, fit: &Fit, on_null: &Regions, direct: &Direct) -> f64 {
     let on_best = best.regions.as_ref().unwrap_or(on_null);
     let gain = best.gain.max(0.0);
-    let mut structure = on_best.ceiling - on_best.form.min(FORM_OF_GAIN * gain);
+    let mut structure = on_best.ceiling - on_best.form.min(FORM_LEFT_OF_GAIN * gain);
     let mut wave = on_best.wave().1;
     let only_gusts = fit.point.effects.len() == 1 && LIBRARY[fit.point.effects[0].0].name == "gusts";
     if only_gusts {
@@ -169,7 +177,11 @@ fn unexplained(best: &Hypothesis, fit: &Fit, on_null: &Regions, direct: &Direct)
         structure = structure.max(on_null.ceiling);
         wave = wave.max(on_null.wave().1 - 0.5 * gain);
     }
+    let tracker = on_best.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+    let structure = structure.max(tracker);
     let left = structure.max(wave).max(0.7 * (structure + wave));
-    let flight = left - FORGIVEN_NATS - FORGIVEN_SHARE * gain;
+    let forgiven =
+        if best.effects.is_empty() { FORGIVEN_NONE_NATS } else { FORGIVEN_NATS + FORGIVEN_SHARE * gain };
+    let flight = left - forgiven;
     if direct.unexplained_pins > 0.0 { flight.max(0.0) + direct.unexplained_pins } else { flight }
 }
