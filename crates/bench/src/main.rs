@@ -3,6 +3,7 @@
 //! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
 
 mod blind_answer;
+mod calibration;
 mod commands;
 mod exit;
 mod files;

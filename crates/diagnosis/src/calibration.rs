@@ -5,6 +5,11 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Share of nominal flights that may raise an alarm.
+const FALSE_ALARMS: f64 = 0.02;
+/// The weight of `none` is moved by no more than this, as a logarithm: few simulated flights cannot say more.
+const MOST_MOVED: f64 = 4.0;
+
 /// Numbers learnt on cases whose cause was known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,6 +48,16 @@ impl Calibration {
             source: "built in".to_owned(),
             cases: 0,
         }
+    }
+
+    /// Moves the weight of `none` so that only a small share of flights known to be nominal would raise an alarm.
+    /// `margins` are those of [`crate::alarm_margin`] under this calibration.
+    #[must_use]
+    pub fn with_margins(&self, mut margins: Vec<f64>, source: String) -> Self {
+        margins.sort_by(f64::total_cmp);
+        let at = ((margins.len() as f64 - 1.0) * (1.0 - FALSE_ALARMS)).round() as usize;
+        let margin = margins.get(at).copied().unwrap_or(0.0).clamp(-MOST_MOVED, MOST_MOVED);
+        Self { ln_prior_none: self.ln_prior_none + margin, source, cases: margins.len(), ..self.clone() }
     }
 
     /// Logarithm of the weight of a hypothesis of so many effects.

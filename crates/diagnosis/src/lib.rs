@@ -36,3 +36,4 @@ pub use gap::{Consistency, Figure, FlightGap, Gap, KStep};
 pub use smooth::Trace;
 pub use stage::StageShare;
 pub use track::{Input, Sighting, Track, TrackError};
+pub use weigh::alarm_margin;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::{
     calibration::Calibration,
-    direct::Direct,
+    direct::{Direct, direct},
     fit::{Fit, Problem},
     random::is_random,
     region::{Regions, regions},
@@ -87,6 +87,22 @@ impl Weighed {
             on_null,
         }
     }
+}
+
+/// By how much the best hypothesis that names or suspects something outweighs `none`, as a logarithm: for flights known
+/// to be nominal, how near a false alarm was.
+pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
+    let search = Search::of(problem);
+    let weighed = Weighed::of(problem, &search, &direct(problem.tracks, problem.rig), calibration);
+    let (mut none, mut other) = (weighed.unknown.min(1e-300), weighed.unknown);
+    for (h, probability) in weighed.hypotheses.iter().zip(&weighed.probabilities) {
+        if h.effects.is_empty() {
+            none = *probability;
+        } else {
+            other = other.max(*probability);
+        }
+    }
+    other.max(1e-300).ln() - none.max(1e-300).ln()
 }
 
 /// All hypotheses of at most two effects that were fitted or read.

@@ -10,7 +10,11 @@ use bench_recording::Flight;
 use bench_rig::Rig;
 use clap::Args;
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    calibration::{self, Missions},
+    exit::Exit,
+    files, words,
+};
 
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
 #[derive(Args)]
@@ -18,6 +22,9 @@ use crate::{exit::Exit, files, words};
   bench diagnose --rig rigs/virtual.toml flight-*.mcap
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
   bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
+
+Probabilities come from a calibration: one for this rig and these missions if --calibrate made it before,
+else the built-in one.
 
 A rig's own [[effect]] tables are part of the model: flights diagnosed with the rig that --write-rig wrote
 should say `none`.
@@ -32,6 +39,10 @@ pub struct Arguments {
     /// Nominal model with tolerances
     #[arg(long, default_value = files::DEFAULT_RIG)]
     rig: PathBuf,
+    /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and keep what they
+    /// teach in the cache
+    #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100")]
+    calibrate: Option<usize>,
     /// Write the rig with the named effect added, as a new rig file
     #[arg(long, value_name = "FILE")]
     write_rig: Option<PathBuf>,
@@ -47,9 +58,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let rig = files::rig(&arguments.rig)?;
     // The rig's own effects are part of the model that is asked about.
     resolve_all(&rig.effects)?;
-    let (mut tracks, mut warnings) = (Vec::new(), Vec::new());
+    let (mut tracks, mut warnings, mut missions) = (Vec::new(), Vec::new(), Vec::new());
     for path in &arguments.flights {
-        match Track::from_flight(&path.display().to_string(), &Flight::load(path)?, &rig) {
+        let flight = Flight::load(path)?;
+        missions.push(flight.mission_toml().map(str::to_owned));
+        match Track::from_flight(&path.display().to_string(), &flight, &rig) {
             Ok(track) => tracks.push(track),
             Err(error) => warnings.push(error.to_string()),
         }
@@ -57,7 +70,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
-    let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in());
+    let missions = Missions::of(missions)?;
+    let calibration = match arguments.calibrate {
+        Some(sets) => calibration::learn(&rig, &missions, sets)?,
+        None => calibration::cached(&rig, &missions).unwrap_or_else(Calibration::built_in),
+    };
+    let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &calibration);
     diagnosis.warnings = warnings;
     if let Some(path) = &arguments.write_rig {
         write_rig(path, &rig, &diagnosis)?;

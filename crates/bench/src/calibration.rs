@@ -1,0 +1,147 @@
+//! A diagnosis' calibration for one rig and its missions, learnt from simulated nominal flights and kept in the cache.
+
+use std::{fs, path::PathBuf};
+
+use anyhow::{Context, bail};
+use bench_diagnosis::{Calibration, Problem, Track, alarm_margin};
+use bench_recording::{Flight, Mode, Record, Session};
+use bench_rig::{EffectEntry, Location, Mission, Model, Rig, Uncertain};
+use bench_run::simulate;
+use indicatif::{ProgressBar, ProgressStyle};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+/// Changes when the diagnosis does, so that what it learnt before is not used.
+const GENERATION: &str = "bench.calibration/1";
+/// Fewest sets that show how often one in fifty is.
+const LEAST_SETS: usize = 50;
+/// Ordinary turbulence, m/s: drawn evenly in the logarithm.
+const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
+
+/// The missions of a set of flights.
+pub struct Missions(Vec<Mission>);
+
+impl Missions {
+    /// From the missions that recordings carry; flights without one (imported logs) are stood for by the others, or by
+    /// the missions of the blind check.
+    pub fn of(carried: Vec<Option<String>>) -> anyhow::Result<Self> {
+        let mut missions = Vec::new();
+        for text in carried.into_iter().flatten() {
+            missions.push(Mission::read("mission of the recording".as_ref(), &text)?);
+        }
+        Ok(Self(missions))
+    }
+
+    fn or_usual(&self) -> anyhow::Result<Vec<Mission>> {
+        if !self.0.is_empty() {
+            return Ok(self.0.clone());
+        }
+        const USUAL: &str = "rigs/missions/blind";
+        let mut paths: Vec<PathBuf> = fs::read_dir(USUAL)
+            .with_context(|| format!("the flights carry no missions, and there are none in {USUAL} here"))?
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
+            .collect();
+        paths.sort();
+        Ok(paths.iter().map(Mission::load).collect::<Result<_, _>>()?)
+    }
+
+    fn text(&self) -> String {
+        self.0.iter().map(Mission::to_toml).collect::<Vec<_>>().join("\n")
+    }
+}
+
+fn path(rig: &Rig, missions: &Missions) -> Option<PathBuf> {
+    let base = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = base.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache")))?;
+    let mut hash = Sha256::new();
+    for part in [GENERATION, &rig.to_toml(), &missions.text()] {
+        hash.update(part.len().to_le_bytes());
+        hash.update(part);
+    }
+    let digits = hash.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect::<String>();
+    Some(base.join("bench/calibration").join(digits).with_extension("json"))
+}
+
+/// What was learnt before for this rig and these missions.
+pub fn cached(rig: &Rig, missions: &Missions) -> Option<Calibration> {
+    serde_json::from_slice(&fs::read(path(rig, missions)?).ok()?).ok()
+}
+
+/// Flies nominal flights within the rig's tolerances, sees how near each set comes to a false alarm, and keeps what that
+/// teaches.
+pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibration> {
+    if sets < LEAST_SETS {
+        bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see how often one in fifty is");
+    }
+    let flown = missions.or_usual()?;
+    let bar = ProgressBar::new(sets as u64).with_style(
+        ProgressStyle::with_template("calibrating {bar:40} {pos}/{len} sets, {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar()),
+    );
+    let built_in = Calibration::built_in();
+    let margins = (0..sets as u64)
+        .into_par_iter()
+        .map(|set| {
+            let real = drawn(rig, set);
+            let mut tracks = Vec::new();
+            for (index, mission) in flown.iter().enumerate() {
+                let mut records: Vec<Record> = Vec::new();
+                simulate(&real, mission, set * 1000 + index as u64, &mut records, |_| true)?;
+                let flight = Flight::from_records(Session::new(Mode::Sim), records);
+                // A flight that tells nothing is left out, as of real ones.
+                tracks.extend(Track::from_flight(&mission.name, &flight, rig));
+            }
+            if tracks.is_empty() {
+                bail!("none of the missions' simulated flights can be diagnosed on this rig");
+            }
+            let margin = alarm_margin(&Problem::new(&tracks, rig), &built_in);
+            bar.inc(1);
+            Ok(margin)
+        })
+        .collect::<anyhow::Result<Vec<f64>>>()?;
+    bar.finish_and_clear();
+    let learnt = built_in.with_margins(margins, format!("calibrated for rig {}", rig.name));
+    if let Some(path) = path(rig, missions) {
+        let folder = path.parent().context("the cache has no folder")?;
+        fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        fs::write(&path, serde_json::to_vec_pretty(&learnt)?)
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(learnt)
+}
+
+/// An airframe within the rig's tolerances in ordinary air.
+fn drawn(rig: &Rig, set: u64) -> Rig {
+    let mut rng = ChaCha8Rng::seed_from_u64(set);
+    let mut rig = rig.clone();
+    // Vertical flights tell altitude alone, and that is what is diagnosed.
+    rig.plant.model = Model::Vertical;
+    let mut draw = |number: &mut Uncertain| {
+        let sigmas: f64 = rng.sample(StandardNormal);
+        number.value += number.sigma * sigmas.clamp(-2.5, 2.5);
+    };
+    let a = &mut rig.airframe;
+    draw(&mut a.mass_kg);
+    draw(&mut a.thrust.gain_n_per_unit);
+    draw(&mut a.thrust.offset);
+    draw(&mut a.ground_effect.multiplier);
+    draw(&mut a.ground_effect.height_m);
+    draw(&mut a.drag_n_s_per_m);
+    draw(&mut rig.tracker.latency_s);
+    let (low, high) = TURBULENCE_M_S;
+    let sigma_m_s = low * (high / low).powf(rng.random::<f64>());
+    if rig.effects.iter().all(|effect| effect.name != "gusts") {
+        rig.effects.push(EffectEntry {
+            name: "gusts".to_owned(),
+            parameters: vec![
+                ("sigma_m_s".to_owned(), sigma_m_s, 0),
+                ("correlation_time_s".to_owned(), 0.3 + 1.2 * rng.random::<f64>(), 0),
+            ],
+            at: Location { file: "calibration".into(), line: 0 },
+        });
+    }
+    rig
+}
