@@ -49,10 +49,15 @@ const SETTLING_S: f64 = 1.0;
 impl Controller {
     /// A controller at the beginning of a mission whose clock starts at zero.
     pub fn new(rig: &Rig, mission: &Mission) -> Self {
+        Self::beginning_at(rig, mission, Time::ZERO)
+    }
+
+    /// A controller whose mission begins at another instant of its clock.
+    pub fn beginning_at(rig: &Rig, mission: &Mission, begin: Time) -> Self {
         Self {
             plans: mission.phases.clone(),
             current: 0,
-            phase_began: Time::ZERO,
+            phase_began: begin,
             at_rest: rig.airframe.sticks.at_rest(),
             aborted: false,
             landing: Landing::Not,

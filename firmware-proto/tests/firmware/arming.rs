@@ -55,7 +55,10 @@ fn outputs_move_no_faster_than_a_volt_a_millisecond_and_stop_at_the_range() {
     let mut board = armed();
     let sent = firmware_proto::HostFrame {
         sequence: 9,
-        body: Command::SetVoltages { deadline_us: u64::MAX, voltages_uv: [5_000_000, -1, 3_300_001, i32::MIN] },
+        body: Command::SetVoltages {
+            deadline_us: u64::MAX,
+            voltages_uv: [5_000_000, -1, 3_300_001, i32::MIN],
+        },
     };
     let events = board.receive(&crate::scripted::encoded(&sent));
     let throttle: Vec<_> = events

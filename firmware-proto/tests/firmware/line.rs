@@ -21,7 +21,10 @@ fn garbage_and_half_frames_are_answered_by_name_and_the_next_frame_is_carried_ou
         let answers = board.answers(&events);
         assert_eq!(answers.len(), 1, "{expected:?}: {answers:?}");
         assert_eq!(answers[0].sequence, 0);
-        assert!(matches!(answers[0].body, Answer::ErrorReport { code, .. } if code == expected), "{answers:?}");
+        assert!(
+            matches!(answers[0].body, Answer::ErrorReport { code, .. } if code == expected),
+            "{answers:?}"
+        );
         assert!(matches!(board.ask(Command::Read), Answer::Readback { .. }));
     }
 }

@@ -1,6 +1,6 @@
 /*
  * The application as a Linux program, in real time. Its serial line is standard input and output; it ends when the other side
- * closes it. With the environment variable BOARD_TRACE naming a file, it writes there what the outputs did, and when.
+ * closes it. With the environment variable BOARD_TRACE naming a file, it appends there what the outputs did, and when.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -29,9 +29,13 @@ void board_init(void)
 {
     const char *path = getenv("BOARD_TRACE");
     reset_us = monotonic_us();
-    if (path != NULL && (trace = fopen(path, "w")) == NULL) {
+    if (path != NULL && (trace = fopen(path, "a")) == NULL) {
         perror(path);
         exit(2);
+    }
+    if (trace != NULL) {
+        fprintf(trace, "0 reset\n");
+        fflush(trace);
     }
     (void)fcntl(STDIN_FILENO, F_SETFL, fcntl(STDIN_FILENO, F_GETFL) | O_NONBLOCK);
 }
