@@ -25,8 +25,13 @@ const DEVICE: &str = "the PSoC5";
 const ANSWER: Duration = Duration::from_millis(50);
 const SELF_TEST: Duration = Duration::from_secs(1);
 
-/// How often and at what pace a board that says nothing is asked who it is: one that was just plugged in needs a moment.
-const HELLOS: u32 = 20;
+/// How often a board that says nothing is asked who it is, for two and a half seconds in all: one that was just plugged in, or an emulator that
+/// looks for its host once a second, needs a moment.
+const HELLOS: u32 = 50;
+
+/// How often anything else is asked outside of the loop, where a command may be repeated: a bad link loses one in many, five in a row is
+/// another matter.
+const ATTEMPTS: u32 = 5;
 
 /// The outputs' range, V.
 const RANGE_V: f64 = 3.3;
@@ -108,6 +113,8 @@ pub enum Safe {
     Confirmed {
         /// The port had to be opened again for that.
         reconnected: bool,
+        /// What the board complained of before it was disarmed, as far as it could still be asked.
+        faults: Faults,
     },
     /// Nobody answers; the board's own watchdog zeroes the outputs 300 ms after the last voltages.
     Unconfirmed(DacError),
@@ -223,15 +230,21 @@ impl Psoc5 {
         self.armed = false;
         self.awaited = None;
         let until = Instant::now() + patience;
+        let mut faults = Faults::default();
+        // Zero before all else; the faults, which disarming clears, before that.
+        let asked = self.exchange(Command::Zero, ANSWER).or_else(|_| self.exchange(Command::Zero, ANSWER));
+        if let Ok(Exchange { answer: Answer::Readback { faults: told, .. }, .. }) = asked {
+            faults = from_board(told);
+        }
         let mut error = match self.zero() {
-            Ok(()) => return Safe::Confirmed { reconnected: false },
+            Ok(()) => return Safe::Confirmed { reconnected: false, faults },
             Err(error) => error,
         };
         while Instant::now() < until {
             // Opening begins with zeroing.
             self.link = None;
             match self.open() {
-                Ok(()) => return Safe::Confirmed { reconnected: true },
+                Ok(()) => return Safe::Confirmed { reconnected: true, faults },
                 Err(new @ (DacError::WrongFirmware { .. } | DacError::NotSafe { .. })) => {
                     return Safe::Unconfirmed(new);
                 }
@@ -254,7 +267,7 @@ impl Psoc5 {
     fn hello(&mut self) -> Result<Identity, DacError> {
         let mut silence = None;
         for _ in 0..HELLOS {
-            match self.ask(Command::Hello, ANSWER) {
+            match self.exchange(Command::Hello, ANSWER) {
                 Ok(Exchange { answer: Answer::Hello { firmware, calibration }, .. }) => {
                     return Ok(Identity { firmware, stored: calibration });
                 }
@@ -273,16 +286,7 @@ impl Psoc5 {
 
     /// Outputs to zero, board disarmed, and both seen.
     fn zero(&mut self) -> Result<(), DacError> {
-        let mut last = None;
-        // A bad link loses one in many; three in a row is another matter.
-        for _ in 0..3 {
-            match self.expect_zero(Command::Disarm) {
-                Ok(_) => return Ok(()),
-                Err(error @ (DacError::Timeout { .. } | DacError::Corrupt { .. })) => last = Some(error),
-                Err(error) => return Err(error),
-            }
-        }
-        Err(last.unwrap_or_else(|| self.timeout("disarm", ANSWER)))
+        self.expect_zero(Command::Disarm).map(|_| ())
     }
 
     fn expect_zero(&mut self, command: Command) -> Result<firmware_proto::Faults, DacError> {
@@ -309,7 +313,7 @@ impl Psoc5 {
         self.clock = None;
         self.device_time_us = 0;
         for _ in 0..8 {
-            match self.ask(Command::Read, ANSWER) {
+            match self.exchange(Command::Read, ANSWER) {
                 Ok(Exchange { answer: Answer::Readback { device_time_us, .. }, sent, received }) => {
                     match &mut self.clock {
                         Some(clock) => clock.update(sent, received, device_time_us),
@@ -353,8 +357,20 @@ impl Psoc5 {
         HostFrame { sequence: self.sequence, body }
     }
 
-    /// One exchange outside of the loop.
+    /// A command outside of the loop, until it is answered.
     fn ask(&mut self, command: Command, timeout: Duration) -> Result<Exchange, DacError> {
+        let mut outcome = self.exchange(command, timeout);
+        for _ in 1..ATTEMPTS {
+            if !matches!(outcome, Err(DacError::Timeout { .. } | DacError::Corrupt { .. })) {
+                break;
+            }
+            outcome = self.exchange(command, timeout);
+        }
+        outcome
+    }
+
+    /// One exchange outside of the loop.
+    fn exchange(&mut self, command: Command, timeout: Duration) -> Result<Exchange, DacError> {
         let name = name(&command);
         let frame = self.frame(command);
         let port = self.port.clone();
@@ -440,8 +456,7 @@ impl Psoc5 {
                 if let Some(clock) = &mut self.clock {
                     clock.update(exchange.sent, exchange.received, device_time_us);
                 }
-                let firmware_proto::Faults { watchdog, clamped, mismatch, brown_out } = faults;
-                if brown_out {
+                if faults.brown_out {
                     return Err(
                         self.failed("its supply sagged and it zeroed its outputs; give it a better one")
                     );
@@ -452,17 +467,16 @@ impl Psoc5 {
                 Ok(Some(Readback {
                     device_time: Time::from_nanos(device_time_us.saturating_mul(1000)),
                     sticks: Sticks::from_array(voltages_uv.map(volts)),
-                    faults: Faults { watchdog, clamped, mismatch, brown_out },
+                    faults: from_board(faults),
                 }))
             }
             Answer::ErrorReport { code: firmware_proto::ErrorCode::Late, .. } => {
                 self.counts.late += 1;
                 Ok(None)
             }
-            Answer::ErrorReport { code: firmware_proto::ErrorCode::Tripped, .. } => {
-                Err(self
-                    .failed("it tripped and zeroed its outputs, because no voltages reached it for 300 ms"))
-            }
+            Answer::ErrorReport { code: firmware_proto::ErrorCode::Tripped, .. } => Err(self.failed(
+                "it tripped and zeroed its outputs: no voltages reached it for 300 ms, or its supply sagged",
+            )),
             Answer::ErrorReport { code: firmware_proto::ErrorCode::NotArmed, .. } => {
                 Err(self.failed("it is not armed; was it reset in flight? check its supply"))
             }
@@ -518,6 +532,11 @@ impl Drop for Psoc5 {
             self.make_safe(Duration::ZERO);
         }
     }
+}
+
+fn from_board(faults: firmware_proto::Faults) -> Faults {
+    let firmware_proto::Faults { watchdog, clamped, mismatch, brown_out } = faults;
+    Faults { watchdog, clamped, mismatch, brown_out }
 }
 
 fn name(command: &Command) -> &'static str {

@@ -54,17 +54,19 @@ pub fn main(make: Maker) -> io::Result<()> {
 
 fn mount_all() -> io::Result<()> {
     let none = MountFlags::empty();
-    for (kind, target) in
-        [("proc", "/proc"), ("sysfs", "/sys"), ("devtmpfs", "/dev"), ("tmpfs", "/run"), ("tmpfs", "/tmp")]
-    {
-        mount(kind, target, kind, none, None)?;
+    for (kind, target) in [("proc", "/proc"), ("sysfs", "/sys"), ("devtmpfs", "/dev"), ("tmpfs", "/run")] {
+        mounted(target, mount(kind, target, kind, none, None))?;
     }
     fs::create_dir_all("/dev/pts")?;
-    mount("devpts", "/dev/pts", "devpts", none, None)?;
+    mounted("/dev/pts", mount("devpts", "/dev/pts", "devpts", none, None))?;
     fs::create_dir_all("/dev/shm")?;
-    mount("tmpfs", "/dev/shm", "tmpfs", none, None)?;
+    mounted("/dev/shm", mount("tmpfs", "/dev/shm", "tmpfs", none, None))?;
     mknodat(rustix::fs::CWD, ORDERS, rustix::fs::FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
     Ok(())
+}
+
+fn mounted(target: &str, result: rustix::io::Result<()>) -> io::Result<()> {
+    result.map_err(|error| io::Error::other(format!("cannot mount {target}: {error}")))
 }
 
 fn obey(make: &Maker, mut plugs: BTreeMap<u8, Plug>) {

@@ -120,7 +120,8 @@ impl Plug {
         let number = 1 << 16 | (u32::from(port) + 1);
         let speed = device.speed() as u32;
         let request = format!("{port} {} {number} {speed}", kernel.as_raw_fd());
-        std::fs::write(format!("{VHCI}/attach"), request)?;
+        std::fs::write(format!("{VHCI}/attach"), request)
+            .map_err(|error| io::Error::other(format!("cannot plug into port {port} of {VHCI}: {error}")))?;
         thread::Builder::new().name(format!("usb port {port}")).spawn(move || {
             if let Err(error) = serve(ours, device.as_mut()) {
                 eprintln!("usb port {port}: {error}");

@@ -2,6 +2,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use bench_dac::emulator::{EmulatedPsoc5, LinkFaults};
+use bench_run::Granted;
 use clap::{Args, Subcommand};
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -67,6 +68,8 @@ struct Psoc5 {
 pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     let Device::Psoc5(arguments) = arguments.device;
     let faults = arguments.faults()?;
+    // A real board does not wait for this machine's processes: where that is granted, neither does this one.
+    let _ = Granted::ask();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
     runtime.block_on(async {
         let mut interrupt = signal(SignalKind::interrupt())?;

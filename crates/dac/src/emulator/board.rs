@@ -56,7 +56,7 @@ pub struct Moment {
 }
 
 impl Board {
-    /// A board after its reset. `lag_s` is the time constant with which its pins follow, s; 0 for none.
+    /// A board after its reset. `lag_s` is the time constant with which its pins follow once it is armed, s; 0 for none.
     pub fn new(seed: u64, lag_s: f64) -> Self {
         Self {
             state: ArmState::Disarmed,
@@ -200,17 +200,21 @@ impl Board {
     }
 
     fn measure_one(&mut self, now_us: u64, channel: usize) -> i32 {
-        self.pins[channel].at(now_us, self.lag_us).round() as i32
-            + self.noise.random_range(-NOISE_UV..=NOISE_UV)
+        let pin_uv = self.pins[channel].at(now_us, self.lag_us());
+        pin_uv.round() as i32 + self.noise.random_range(-NOISE_UV..=NOISE_UV)
     }
 
     fn set(&mut self, now_us: u64, channel: usize, uv: i32) {
         self.set_uv[channel] = uv;
         let stepped = f64::from((uv + STEP_UV / 2) / STEP_UV * STEP_UV);
         let (gain, offset_uv) = LOOPS[channel];
-        let pin = &mut self.pins[channel];
-        let from_uv = pin.at(now_us, self.lag_us);
-        *pin = Pin { from_uv, to_uv: gain * stepped + offset_uv, since_us: now_us };
+        let from_uv = self.pins[channel].at(now_us, self.lag_us());
+        self.pins[channel] = Pin { from_uv, to_uv: gain * stepped + offset_uv, since_us: now_us };
+    }
+
+    /// A lag from the beginning would be found by the calibration, and never fly.
+    fn lag_us(&self) -> f64 {
+        if self.state == ArmState::Armed { self.lag_us } else { 0.0 }
     }
 
     fn zero(&mut self, now_us: u64) {

@@ -20,7 +20,7 @@ pub struct LinkFaults {
     pub unplug: Option<(f64, Option<f64>)>,
     /// The supply sags so many seconds after the board was first armed.
     pub brown_out: Option<f64>,
-    /// Time constant with which the pins follow what they are set to, s.
+    /// Time constant with which the pins follow what they are set to, once the board is armed, s.
     pub dac_lag_s: f64,
     /// The board speaks this protocol version instead.
     pub protocol_version: Option<u8>,

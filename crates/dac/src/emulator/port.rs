@@ -131,10 +131,11 @@ impl Emulation {
                     self.receive(now_us, &bytes);
                 }
             }
+            // First, so that whoever has an answer finds in the history what it answers.
+            self.tell();
             while let Some(bytes) = self.to_host.take(self.now_us()) {
                 self.send(&bytes);
             }
-            self.tell();
         }
         if let Some(link) = &self.link {
             let _ = std::fs::remove_file(link);

@@ -21,12 +21,14 @@ fn main() -> ExitCode {
 /// A program started anew each time that it is plugged in, as a board that is powered by the bus.
 fn serial_port(_port: u8) -> io::Result<Box<dyn Device>> {
     let work = std::env::var("USB_LAB_WORK").map_err(io::Error::other)?;
-    let program = fs::read_to_string(format!("{work}/device"))?;
+    let program = fs::read_to_string(format!("{work}/device"))
+        .map_err(|error| io::Error::other(format!("cannot read {work}/device: {error}")))?;
     let mut child = Command::new(program.trim())
         .current_dir(work)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
-        .spawn()?;
+        .spawn()
+        .map_err(|error| io::Error::other(format!("cannot run {}: {error}", program.trim())))?;
     let gone = || io::Error::other("the program has no standard input and output");
     let (input, output) = (child.stdout.take().ok_or_else(gone)?, child.stdin.take().ok_or_else(gone)?);
     Ok(Box::new(SerialPort::new(input, output)))

@@ -64,16 +64,27 @@ impl<'a> Report<'a> {
             "link"
         );
         out.push_str(&self.flight().in_words(finished));
-        let _ = match self.safe {
-            Safe::Confirmed { reconnected: false } => writeln!(out, "outputs at zero, seen; board disarmed"),
-            Safe::Confirmed { reconnected: true } => {
-                writeln!(out, "the port came back: outputs at zero, seen; board disarmed")
+        match self.safe {
+            Safe::Confirmed { reconnected, faults } => {
+                let how = if *reconnected { "after opening the port again, " } else { "" };
+                let _ = writeln!(out, "{how}outputs seen at zero, board disarmed");
+                for (is, what) in [
+                    (faults.watchdog, "no voltages reached it for 300 ms"),
+                    (faults.brown_out, "its supply sagged; give it a better one"),
+                    (faults.mismatch, "its outputs did not read what they were set to; check the wires"),
+                ] {
+                    if is {
+                        let _ = writeln!(out, "the board says: {what}");
+                    }
+                }
             }
-            Safe::Unconfirmed(error) => writeln!(
-                out,
-                "outputs NOT seen at zero ({error}); the board zeroes them by itself 300 ms after the last voltages"
-            ),
-        };
+            Safe::Unconfirmed(error) => {
+                let _ = writeln!(
+                    out,
+                    "outputs NOT seen at zero ({error}); the board zeroes them by itself 300 ms after the last voltages"
+                );
+            }
+        }
         out
     }
 
@@ -82,7 +93,10 @@ impl<'a> Report<'a> {
         let summary = &self.flown.summary;
         let times = |p: &Percentiles| json!({ "p50": p.p50, "p99": p.p99, "max": p.max });
         let safe = match self.safe {
-            Safe::Confirmed { reconnected } => json!({ "confirmed": true, "reconnected": reconnected }),
+            Safe::Confirmed { reconnected, faults } => json!({
+                "confirmed": true, "reconnected": reconnected,
+                "faults": { "watchdog": faults.watchdog, "brown_out": faults.brown_out, "mismatch": faults.mismatch },
+            }),
             Safe::Unconfirmed(error) => json!({ "confirmed": false, "reason": error.to_string() }),
         };
         let more = json!({
