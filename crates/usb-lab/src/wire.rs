@@ -160,3 +160,49 @@ pub(crate) fn unlinked(sequence: u32, was_pending: bool) -> Vec<u8> {
     let status = if was_pending { -ECONNRESET } else { 0 };
     header([RET_UNLINK, sequence, 0, 0, 0, status.cast_unsigned(), 0, 0, 0, 0, 0, 0])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A request of an isochronous transfer to the host on endpoint 1, as the kernel writes it.
+    fn isochronous(packets: &[(u32, u32)]) -> Vec<u8> {
+        let length: u32 = packets.iter().map(|(_, length)| length).sum();
+        let words = [SUBMIT, 7, 0, 1, 1, 0, length, 42, packets.len() as u32, 8, 0, 0];
+        let table = packets.iter().flat_map(|(offset, length)| [*offset, *length, 0, 0]);
+        words.into_iter().chain(table).flat_map(u32::to_be_bytes).collect()
+    }
+
+    #[test]
+    fn isochronous_packets_come_without_gaps_and_say_how_long_they_are() {
+        let bytes = isochronous(&[(0, 100), (100, 100), (200, 100)]);
+        let Request::Submit(urb) = Request::read(&mut bytes.as_slice()).unwrap() else { panic!() };
+        assert_eq!((urb.endpoint, urb.to_host, urb.length, urb.packets.len()), (1, true, 300, 3));
+        // The second slot stays empty, the third is longer than its slot.
+        let reply = streamed(&urb, &[&[1; 40], &[], &[3; 120]]);
+        let word = |at: usize| u32::from_be_bytes(reply[at..at + 4].try_into().unwrap());
+        assert_eq!(
+            [word(0), word(4), word(20), word(24), word(28), word(32)],
+            [RET_SUBMIT, 7, 0, 140, 42, 3]
+        );
+        assert_eq!(reply[48..88], [1; 40]);
+        assert_eq!(reply[88..188], [3; 100]);
+        let table: Vec<u32> = (188..reply.len()).step_by(4).map(word).collect();
+        assert_eq!(table, [0, 100, 40, 0, 100, 100, 0, 0, 200, 100, 100, 0]);
+    }
+
+    #[test]
+    fn what_is_no_request_is_an_error_and_not_an_allocation() {
+        let request =
+            |words: [u32; 12]| -> Vec<u8> { words.into_iter().flat_map(u32::to_be_bytes).collect() };
+        for words in [
+            [0; 12],
+            [9, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+            [SUBMIT, 1, 0, 0, 2, 0, u32::MAX, 0, 0, 0, 0, 0],
+            [SUBMIT, 1, 0, 1, 2, 0, 64, 0, u32::MAX - 1, 0, 0, 0],
+        ] {
+            let error = Request::read(&mut request(words).as_slice()).unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::InvalidData, "{words:?}");
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! A real kernel's `/dev/ttyACM0`, in user mode; behind it the C firmware as a Linux program.
 
-use std::{fs, time::Duration};
+use std::{fs, os::unix::fs::PermissionsExt, time::Duration};
 
 use bench_usb_lab::host::{Lab, Outcome};
 
@@ -18,7 +18,6 @@ fn run(scratch: &Scratch, script: &str) -> Outcome {
         variable("BENCH_FIRMWARE_HOST")
     );
     fs::write(scratch.path("board"), board).unwrap();
-    use std::os::unix::fs::PermissionsExt;
     fs::set_permissions(scratch.path("board"), fs::Permissions::from_mode(0o755)).unwrap();
     fs::write(scratch.path("device"), scratch.name("board")).unwrap();
     let prelude = format!(
