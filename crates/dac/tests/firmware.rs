@@ -1,6 +1,7 @@
 //! The emulated board does what the firmware does: both are given the same commands, and answer the same.
 
 use std::{
+    fmt::Write as _,
     io::{BufRead, BufReader, Write},
     path::Path,
     process::{Command, Stdio},
@@ -55,8 +56,11 @@ impl Firmware {
     fn ask(&mut self, frame: &HostFrame) -> BoardFrame {
         let mut wire = [0; MAX_WIRE_LEN];
         let len = frame.encode(&mut wire).unwrap();
-        let hex: String = wire[..len].iter().map(|byte| format!("{byte:02x}")).collect();
-        let answers = self.order(&format!("rx {hex}"));
+        let mut order = "rx ".to_owned();
+        for byte in &wire[..len] {
+            let _ = write!(order, "{byte:02x}");
+        }
+        let answers = self.order(&order);
         assert_eq!(answers.len(), 1);
         answers[0]
     }

@@ -1,5 +1,6 @@
 //! The scripted board, built once with the system's compiler and run as a program.
 
+use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -90,8 +91,11 @@ impl Board {
     }
 
     pub fn receive(&mut self, bytes: &[u8]) -> Vec<Event> {
-        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        self.order(&format!("rx {hex}"))
+        let mut order = "rx ".to_owned();
+        for byte in bytes {
+            let _ = write!(order, "{byte:02x}");
+        }
+        self.order(&order)
     }
 
     /// All answers among what the board did.
