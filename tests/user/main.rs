@@ -4,6 +4,7 @@ mod blind;
 mod compare;
 mod diagnose;
 mod figures;
+mod hil;
 mod import;
 mod record;
 mod sim;

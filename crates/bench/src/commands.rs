@@ -1,10 +1,13 @@
 //! One module a command.
 
 pub mod blind;
+pub mod devices;
 pub mod diagnose;
 pub mod diff;
 pub mod effects;
+pub mod emulate;
 pub mod export;
+pub mod hil;
 pub mod import;
 pub mod info;
 pub mod recover;

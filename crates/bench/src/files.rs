@@ -9,10 +9,16 @@ use bench_rig::{Mission, Rig};
 /// The rig when none is named.
 pub const DEFAULT_RIG: &str = "rigs/virtual.toml";
 
+/// The rig of the loopback bench when none is named.
+pub const LOOPBACK_RIG: &str = "rigs/loopback.toml";
+
 /// Reads a rig file.
 pub fn rig(path: &Path) -> anyhow::Result<Rig> {
-    if !path.exists() && path == Path::new(DEFAULT_RIG) {
-        bail!("there is no {DEFAULT_RIG} here; run from the project's folder, or name a rig file with --rig");
+    if !path.exists() && [DEFAULT_RIG, LOOPBACK_RIG].iter().any(|default| path == Path::new(default)) {
+        bail!(
+            "there is no {} here; run from the project's folder, or name a rig file with --rig",
+            path.display()
+        );
     }
     Ok(Rig::load(path)?)
 }

@@ -7,6 +7,7 @@ mod calibration;
 mod commands;
 mod exit;
 mod files;
+mod flight;
 mod words;
 
 use clap::{Parser, Subcommand};
@@ -21,6 +22,7 @@ use crate::exit::Exit;
   bench sim                                    fly to 0.4 m and record it
   bench sim --mission hop --effect rotor-lag:time_constant_s=0.08 -o lag.mcap
   bench diff recordings/climb-040-0.mcap lag.mcap
+  bench hil --port /dev/ttyACM0                the same flight through a real PSoC5, in real time
 
 Exit codes: 0 done (and passed), 1 a check failed, 2 wrong usage or bad input, 3 done with data loss,
 4 device fault or safety stop."
@@ -33,6 +35,9 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Sim(commands::sim::Arguments),
+    Hil(commands::hil::Arguments),
+    Devices(commands::devices::Arguments),
+    Emulate(commands::emulate::Arguments),
     Effects(commands::effects::Arguments),
     Info(commands::info::Arguments),
     Export(commands::export::Arguments),
@@ -46,6 +51,9 @@ enum Command {
 fn main() -> std::process::ExitCode {
     let outcome = match Cli::parse().command {
         Command::Sim(arguments) => commands::sim::run(arguments),
+        Command::Hil(arguments) => commands::hil::run(&arguments),
+        Command::Devices(arguments) => commands::devices::run(&arguments),
+        Command::Emulate(arguments) => commands::emulate::run(arguments),
         Command::Effects(arguments) => commands::effects::run(&arguments),
         Command::Info(arguments) => commands::info::run(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),

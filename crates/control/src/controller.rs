@@ -9,6 +9,7 @@ pub struct Controller {
     plans: Vec<PhasePlan>,
     current: usize,
     phase_began: Time,
+    slack_s: f64,
     at_rest: Sticks,
     aborted: bool,
     landing: Landing,
@@ -41,6 +42,10 @@ enum Landing {
     Done,
 }
 
+/// A phase ends with the iteration that starts so much of a period before its time, so that it does not last an iteration more because its
+/// first one started a little later than its last.
+const SLACK: f64 = 0.1;
+
 /// Thrust-to-weight while settling: with the paper's ground effect of 30 % this still touches down, at a third of the
 /// speed of a free fall from 5 cm.
 const SETTLING_THRUST_TO_WEIGHT: f64 = 0.75;
@@ -49,10 +54,16 @@ const SETTLING_S: f64 = 1.0;
 impl Controller {
     /// A controller at the beginning of a mission whose clock starts at zero.
     pub fn new(rig: &Rig, mission: &Mission) -> Self {
+        Self::beginning_at(rig, mission, Time::ZERO)
+    }
+
+    /// A controller whose mission begins at another instant of its clock.
+    pub fn beginning_at(rig: &Rig, mission: &Mission, begin: Time) -> Self {
         Self {
             plans: mission.phases.clone(),
             current: 0,
-            phase_began: Time::ZERO,
+            phase_began: begin,
+            slack_s: SLACK * rig.control_loop.period_s,
             at_rest: rig.airframe.sticks.at_rest(),
             aborted: false,
             landing: Landing::Not,
@@ -121,8 +132,8 @@ impl Controller {
     /// Goes to the next phase when this one is over.
     fn move_on(&mut self, now: Time) {
         while let Some(plan) = self.plans.get(self.current) {
-            let over =
-                now.since_s(self.phase_began) >= plan.duration_s - 1e-9 || self.landing == Landing::Done;
+            let over = now.since_s(self.phase_began) >= plan.duration_s - self.slack_s
+                || self.landing == Landing::Done;
             if !over {
                 return;
             }

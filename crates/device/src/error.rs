@@ -16,6 +16,14 @@ pub enum DeviceError {
         /// The value refused.
         value: f64,
     },
+    /// The device says that it cannot go on.
+    #[error("{device} failed: {detail}")]
+    Failed {
+        /// Which device.
+        device: &'static str,
+        /// What it says, and what to do.
+        detail: String,
+    },
     /// The device went away.
     #[error("{device} is gone ({detail}); check the cable and power, then start again")]
     Gone {

@@ -69,12 +69,12 @@ impl VoltageOutput for FakeVoltageOutput {
         Ok(())
     }
 
-    fn read_back(&mut self) -> Result<Readback, DeviceError> {
-        Ok(Readback {
+    fn read_back(&mut self) -> Result<Option<Readback>, DeviceError> {
+        Ok(Some(Readback {
             device_time: Time::from_nanos(self.written.len() as u64),
             sticks: self.written.last().copied().unwrap_or_default(),
             faults: Faults::default(),
-        })
+        }))
     }
 }
 
@@ -95,7 +95,7 @@ mod tests {
         let mut output = FakeVoltageOutput { fail_after: Some(1), ..Default::default() };
         let sticks = Sticks { throttle: 1.9, ..Default::default() };
         output.write(sticks).unwrap();
-        assert_eq!(output.read_back().unwrap().sticks, sticks);
+        assert_eq!(output.read_back().unwrap().unwrap().sticks, sticks);
         assert!(matches!(output.write(sticks), Err(DeviceError::Gone { .. })));
     }
 }

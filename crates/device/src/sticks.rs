@@ -82,6 +82,7 @@ pub trait VoltageOutput {
     /// readback; non-finite values are refused with [`DeviceError::BadCommand`] and leave the outputs as they were.
     fn write(&mut self, sticks: Sticks) -> Result<(), DeviceError>;
 
-    /// Measures the four outputs as they are now.
-    fn read_back(&mut self) -> Result<Readback, DeviceError>;
+    /// Measures the four outputs as they are after the last write. `None`: no answer came in time, or the write was not
+    /// carried out; the outputs hold what they held. That this lasts too long is an error.
+    fn read_back(&mut self) -> Result<Option<Readback>, DeviceError>;
 }

@@ -148,6 +148,14 @@ impl World {
         self.pins = sticks;
     }
 
+    /// What effects on the command's way make of it.
+    pub fn driven(&mut self, mut sticks: Sticks) -> Sticks {
+        for effect in &mut self.effects.actuator {
+            effect.drive(&mut sticks);
+        }
+        sticks
+    }
+
     /// Moves the world on to `deadline`, stopping at each exposure and each record of the truth.
     pub fn advance_to(&mut self, deadline: Time) {
         loop {
@@ -304,6 +312,11 @@ impl SharedWorld {
         self.0.borrow()
     }
 
+    /// Does something to the world. For benches that advance it themselves.
+    pub fn with<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
+        act(&mut self.0.borrow_mut())
+    }
+
     /// Hands the records of the truth made since the last call to `take`, oldest first.
     pub fn drain_truth(&self, take: impl FnMut(TrueState)) {
         self.0.borrow_mut().drain_truth().for_each(take);
@@ -362,22 +375,20 @@ impl VoltageOutput for SimulatedOutput {
         self.clamped =
             sticks.to_array().iter().any(|value| !(self.sticks.min..=self.sticks.max).contains(value));
         let mut world = self.world.0.borrow_mut();
-        let mut driven = sticks;
-        for effect in &mut world.effects.actuator {
-            effect.drive(&mut driven);
-        }
+        let driven = world.driven(sticks);
         world.set_pins(driven.map(|value| self.output.on_the_pin(&self.sticks, value)));
         Ok(())
     }
 
-    fn read_back(&mut self) -> Result<Readback, DeviceError> {
+    fn read_back(&mut self) -> Result<Option<Readback>, DeviceError> {
         let world = self.world.borrow();
         let (device_time, pins) = (world.now, world.pins);
         let sticks = pins.map(|value| {
             let noise: f64 = StandardNormal.sample(&mut self.rng);
             value + noise * self.readback_noise
         });
-        Ok(Readback { device_time, sticks, faults: Faults { clamped: self.clamped, ..Faults::default() } })
+        let faults = Faults { clamped: self.clamped, ..Faults::default() };
+        Ok(Some(Readback { device_time, sticks, faults }))
     }
 }
 

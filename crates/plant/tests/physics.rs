@@ -212,15 +212,15 @@ fn the_output_clamps_quantises_and_refuses_what_is_no_number() {
     let mut lab = Lab::new(&rig, 1).unwrap();
     lab.output.write(centred(&rig, 1.9)).unwrap();
     let step = 3.3 / 255.0;
-    let readback = lab.output.read_back().unwrap();
+    let readback = lab.output.read_back().unwrap().unwrap();
     assert!((readback.sticks.throttle - 1.9).abs() <= step / 2.0 + 1e-12);
     assert!(!readback.faults.clamped);
     lab.output.write(centred(&rig, 9.0)).unwrap();
-    let readback = lab.output.read_back().unwrap();
+    let readback = lab.output.read_back().unwrap().unwrap();
     assert!((readback.sticks.throttle - 3.3).abs() < 1e-12);
     assert!(readback.faults.clamped);
     assert!(lab.output.write(centred(&rig, f64::NAN)).is_err());
-    assert!((lab.output.read_back().unwrap().sticks.throttle - 3.3).abs() < 1e-12);
+    assert!((lab.output.read_back().unwrap().unwrap().sticks.throttle - 3.3).abs() < 1e-12);
 }
 
 #[test]
@@ -250,7 +250,7 @@ fn what_ails_the_output_shows_in_the_readback_and_what_comes_after_the_pin_does_
         let mut lab = Lab::new(&rig, 1).unwrap();
         lab.output.write(centred(&rig, 2.3)).unwrap();
         lab.clock.wait_until(Time::from_seconds(0.001)).unwrap();
-        lab.output.read_back().unwrap().sticks.throttle
+        lab.output.read_back().unwrap().unwrap().sticks.throttle
     };
     let step = 3.3 / 255.0;
     // 1.15 W: 0.5 V + 1.15 x 1.4 V.

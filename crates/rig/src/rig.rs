@@ -13,6 +13,8 @@ use crate::{
 pub struct Rig {
     /// Its name.
     pub name: String,
+    /// Which bench it is.
+    pub bench: Bench,
     /// What flies.
     pub airframe: Airframe,
     /// How the airframe is simulated.
@@ -29,6 +31,18 @@ pub struct Rig {
     pub safety: Safety,
     /// Effects added to the nominal model, in the order of the file.
     pub effects: Vec<EffectEntry>,
+}
+
+/// Which of the loop's ends are real.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Bench {
+    /// None.
+    #[default]
+    Virtual,
+    /// The output, wired to its own input.
+    Loopback,
+    /// All: output, airframe, tracker.
+    Transmitter,
 }
 
 /// Which equations the virtual airframe obeys.
@@ -213,9 +227,12 @@ impl Rig {
 
     fn visit(&mut self, v: &mut impl Visitor) {
         const MODELS: [(&str, Model); 2] = [("vertical", Model::Vertical), ("six-degree", Model::SixDegree)];
+        const BENCHES: [(&str, Bench); 3] =
+            [("virtual", Bench::Virtual), ("loopback", Bench::Loopback), ("transmitter", Bench::Transmitter)];
         let probability = Range::closed(0.0, 1.0);
         let gain = Range::closed(0.0, 1000.0);
         v.text("name", &mut self.name);
+        v.choice_or("bench", &BENCHES, &mut self.bench);
         v.table("plant", |v| {
             v.choice("model", &MODELS, &mut self.plant.model);
             v.number("step_s", Range::closed(1e-5, 0.02), &mut self.plant.step_s);

@@ -61,6 +61,8 @@ pub trait Visitor {
     fn text(&mut self, key: &str, value: &mut String);
     /// One of the named choices.
     fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    /// One of the named choices; absent, the value stays what it is.
+    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
     /// A list of three numbers.
     fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]);
     /// A number, or points `[time_s, number]` with times that do not fall.
@@ -392,6 +394,12 @@ impl Visitor for Reader<'_, '_> {
         }
     }
 
+    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+        if self.has(key) {
+            self.choice(key, choices, value);
+        }
+    }
+
     fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]) {
         let expected = format!("a list of three: {}", range.words());
         let Some(node) = self.require(key, &expected) else { return };
@@ -494,6 +502,10 @@ impl Visitor for Writer {
         if let Some((name, _)) = choices.iter().find(|(_, choice)| choice == value) {
             self.line(key, quoted(name));
         }
+    }
+
+    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+        self.choice(key, choices, value);
     }
 
     fn triple(&mut self, key: &str, _: Range, value: &mut [f64; 3]) {

@@ -29,6 +29,10 @@ fn every_committed_rig_and_mission_reads_and_survives_being_written() {
     assert_eq!(rig.airframe.mass_kg.sigma, 0.00015);
     assert_eq!(Rig::read(Path::new("copy.toml"), &rig.to_toml()).unwrap(), rig);
 
+    let loopback = Rig::load(rigs().join("loopback.toml")).unwrap();
+    assert_eq!(loopback.bench, bench_rig::Bench::Loopback);
+    assert_eq!(Rig::read(Path::new("copy.toml"), &loopback.to_toml()).unwrap(), loopback);
+
     let mut missions = 0;
     let mut folders = vec![rigs().join("missions")];
     let mut files = Vec::new();

@@ -1,6 +1,6 @@
 use std::fmt::Write as _;
 
-use bench_control::{Controller, Decision};
+use bench_control::Controller;
 use bench_device::{Clock, DeviceError, PositionSource, Time, VoltageOutput};
 use bench_recording::{Command, Event, EventText, Level, ReadbackAt, Record, Tick};
 use bench_rig::{Mission, Phase, Rig};
@@ -20,6 +20,8 @@ pub enum Ending {
     Stopped(StopReason),
     /// A device failed; the throttle was sent to rest as far as the output still took it.
     Fault(DeviceError),
+    /// The program itself failed, with these words; the throttle was sent to rest. Only where [`crate::fly_guarded`] flew.
+    Panicked(String),
 }
 
 /// A flight that is over.
@@ -40,12 +42,18 @@ pub struct Progress {
     pub phase: Phase,
     /// Predicted altitude, m.
     pub altitude_m: f64,
+    /// Throttle asked for, in the rig's actuation unit.
+    pub throttle: f64,
+    /// Start of the iteration after its schedule, s.
+    pub lateness_s: f64,
+    /// From handing the outputs over to having them read back, s; `None` when that did not come in time.
+    pub round_trip_s: Option<f64>,
 }
 
 /// How long the loop goes on after the mission, so that the last positions still arrive, s.
 const TAIL_S: f64 = 0.5;
 
-/// Flies `mission` on three ends, telling `sink` everything. `each` is called at the end of every iteration, with the
+/// Flies `mission` on three ends from the clock's present instant on, telling `sink` everything. `each` is called at the end of every iteration, with the
 /// sink for what only the caller knows (a simulation's true state); it returns false to ask for a stop.
 ///
 /// No iteration allocates or locks, as long as the ends and the sink do not.
@@ -56,19 +64,20 @@ pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink>(
     sink: &mut S,
     mut each: impl FnMut(&Progress, &mut S) -> bool,
 ) -> Flown {
+    let begin = clock.now();
     let mut flight = Flight {
-        controller: Controller::new(rig, mission),
+        controller: Controller::beginning_at(rig, mission, begin),
         guard: Guard::new(rig.safety),
         log: FlightLog::with_capacity(rig, mission),
         period: Time::from_seconds(rig.control_loop.period_s),
-        scheduled: Time::ZERO,
+        scheduled: begin,
         index: 0,
         phase: None,
         stopped: None,
     };
     let mut finished_at = None;
     let ending = loop {
-        let (now, decision) = match flight.iterate(clock, output, tracker, sink) {
+        let (progress, finished) = match flight.iterate(clock, output, tracker, sink) {
             Ok(done) => done,
             Err(error) => {
                 // The output may be what failed; there is nothing more to be done for it.
@@ -77,12 +86,11 @@ pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink>(
                 break Ending::Fault(error);
             }
         };
-        let progress =
-            Progress { now, phase: decision.state.phase, altitude_m: decision.state.estimate_m[2] };
+        let now = progress.now;
         if !each(&progress, sink) {
             flight.stop(StopReason::Asked, now, sink);
         }
-        if decision.finished && now.since_s(*finished_at.get_or_insert(now)) >= TAIL_S {
+        if finished && now.since_s(*finished_at.get_or_insert(now)) >= TAIL_S {
             break flight.stopped.map_or(Ending::Complete, Ending::Stopped);
         }
     };
@@ -102,14 +110,14 @@ struct Flight {
 }
 
 impl Flight {
-    /// One iteration: returns when it started and what was decided.
+    /// One iteration: returns where the flight is, and whether the mission is over.
     fn iterate<C: Clock, V: VoltageOutput, P: PositionSource>(
         &mut self,
         clock: &mut C,
         output: &mut V,
         tracker: &mut P,
         sink: &mut impl Sink,
-    ) -> Result<(Time, Decision), DeviceError> {
+    ) -> Result<(Progress, bool), DeviceError> {
         let started = clock.wait_until(self.scheduled)?;
         while let Some(sample) = tracker.poll()? {
             self.controller.observe(&sample);
@@ -129,7 +137,10 @@ impl Flight {
         let overrun = late_s > self.period.seconds();
         sink.take(Record::ControlState(decision.state));
         sink.take(Record::Command(Command { time: written, sticks: decision.sticks }));
-        sink.take(Record::Readback(ReadbackAt { time: ended, readback }));
+        if let Some(readback) = readback {
+            self.guard.observe_readback(started, &readback);
+            sink.take(Record::Readback(ReadbackAt { time: ended, readback }));
+        }
         sink.take(Record::Tick(Tick {
             index: self.index,
             scheduled: self.scheduled,
@@ -144,6 +155,8 @@ impl Flight {
             phase: decision.state.phase,
             setpoint_m: decision.state.setpoint_m,
             lateness_s: started.since_s(self.scheduled),
+            actuate_s: ended.since_s(decided),
+            answered: readback.is_some(),
             overrun,
         });
         if self.phase != Some(decision.state.phase) {
@@ -153,8 +166,17 @@ impl Flight {
         if let Some(reason) = self.guard.check(started, decision.state.phase, overrun) {
             self.stop(reason, started, sink);
         }
+        let scheduled = self.scheduled;
         self.schedule_next(ended);
-        Ok((started, decision))
+        let progress = Progress {
+            now: started,
+            phase: decision.state.phase,
+            altitude_m: decision.state.estimate_m[2],
+            throttle: decision.sticks.throttle,
+            lateness_s: started.since_s(scheduled),
+            round_trip_s: readback.is_some().then(|| ended.since_s(decided)),
+        };
+        Ok((progress, decision.finished))
     }
 
     /// The next tick of the grid that is not past: a tick that was missed is left out, not caught up with.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use bench_device::{PositionSample, Time, TrackStatus};
+use bench_device::{PositionSample, Readback, Time, TrackStatus};
 use bench_rig::{Phase, Safety};
 
 /// Why a flight was stopped.
@@ -39,6 +39,11 @@ pub enum StopReason {
         /// How many.
         streak: u32,
     },
+    /// The outputs have not read what they were set to for too long.
+    Mismatch {
+        /// How long, s.
+        lasted_s: f64,
+    },
     /// A person or the system asked for it.
     Asked,
 }
@@ -57,6 +62,12 @@ impl fmt::Display for StopReason {
             }
             Self::FlightTime { limit_s } => write!(f, "in flight for more than {limit_s} s"),
             Self::Overruns { streak } => write!(f, "{streak} overruns in a row"),
+            Self::Mismatch { lasted_s } => {
+                write!(
+                    f,
+                    "the outputs have not read what they were set to for {lasted_s:.1} s; check the wires to the inputs"
+                )
+            }
             Self::Asked => write!(f, "asked to stop"),
         }
     }
@@ -70,17 +81,39 @@ pub(crate) struct Guard {
     last_seen: Option<Time>,
     last_position_m: [f64; 3],
     streak: u32,
+    mismatch_since: Option<Time>,
+    mismatch_s: f64,
 }
+
+/// How long outputs may read something else than they were set to, s: a lag that the controller copes with shows for a few iterations after
+/// each step, a broken wire for good.
+const MISMATCH_MAX_S: f64 = 1.0;
 
 impl Guard {
     pub(crate) fn new(limits: Safety) -> Self {
-        Self { limits, airborne_since: None, last_seen: None, last_position_m: [0.0; 3], streak: 0 }
+        Self {
+            limits,
+            airborne_since: None,
+            last_seen: None,
+            last_position_m: [0.0; 3],
+            streak: 0,
+            mismatch_since: None,
+            mismatch_s: 0.0,
+        }
     }
 
     pub(crate) fn observe(&mut self, sample: &PositionSample) {
         if sample.status != TrackStatus::Lost {
             self.last_seen = Some(sample.arrived_at);
             self.last_position_m = sample.position_m;
+        }
+    }
+
+    pub(crate) fn observe_readback(&mut self, now: Time, readback: &Readback) {
+        if readback.faults.mismatch {
+            self.mismatch_s = now.since_s(*self.mismatch_since.get_or_insert(now));
+        } else {
+            (self.mismatch_since, self.mismatch_s) = (None, 0.0);
         }
     }
 
@@ -94,6 +127,9 @@ impl Guard {
         if matches!(phase, Phase::Idle | Phase::Abort) {
             self.airborne_since = None;
             return None;
+        }
+        if self.mismatch_s > MISMATCH_MAX_S {
+            return Some(StopReason::Mismatch { lasted_s: self.mismatch_s });
         }
         let since = *self.airborne_since.get_or_insert(now);
         if now.since_s(since) > limits.flight_time_max_s {

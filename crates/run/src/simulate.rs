@@ -27,7 +27,8 @@ pub fn simulate(
     }))
 }
 
-fn truth(state: &TrueState) -> Truth {
+/// The true state as recorded.
+pub(crate) fn truth(state: &TrueState) -> Truth {
     let attitude = state.attitude;
     Truth {
         time: state.time,

@@ -30,6 +30,42 @@ pub struct Summary {
     pub lateness_max_s: f64,
     /// Positions received.
     pub positions: u64,
+    /// Iterations whose outputs were not read back in time.
+    pub unanswered: u64,
+    /// How well time was kept.
+    pub timing: Timing,
+}
+
+/// How well a loop kept its time; all zero in lockstep.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Timing {
+    /// Start of an iteration after its schedule, s.
+    pub lateness_s: Percentiles,
+    /// From handing the outputs over to having them read back, s.
+    pub round_trip_s: Percentiles,
+}
+
+/// A distribution in three numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Percentiles {
+    /// Half are below.
+    pub p50: f64,
+    /// 99 of 100 are below.
+    pub p99: f64,
+    /// None is above.
+    pub max: f64,
+}
+
+impl Percentiles {
+    /// Of any number of values, in any order; zero of none. Nearest rank.
+    pub fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let rank = |share: f64| {
+            let rank = (share * values.len() as f64).ceil() as usize;
+            values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+        };
+        Self { p50: rank(0.5), p99: rank(0.99), max: rank(1.0) }
+    }
 }
 
 /// One criterion of a mission, held against a flight.
@@ -84,6 +120,8 @@ pub(crate) struct LogEntry {
     pub phase: Phase,
     pub setpoint_m: [f64; 3],
     pub lateness_s: f64,
+    pub actuate_s: f64,
+    pub answered: bool,
     pub overrun: bool,
 }
 
@@ -114,6 +152,14 @@ impl FlightLog {
             overruns: self.entries.iter().filter(|entry| entry.overrun).count() as u64,
             lateness_max_s: self.entries.iter().map(|entry| entry.lateness_s).fold(0.0, f64::max),
             positions: self.positions.len() as u64,
+            unanswered: self.entries.iter().filter(|entry| !entry.answered).count() as u64,
+            timing: Timing {
+                lateness_s: Percentiles::of(self.entries.iter().map(|entry| entry.lateness_s).collect()),
+                // What was given up says how long the wait was, not the trip.
+                round_trip_s: Percentiles::of(
+                    self.entries.iter().filter(|entry| entry.answered).map(|entry| entry.actuate_s).collect(),
+                ),
+            },
             ..Summary::default()
         };
         if let (Some(first), Some(last)) = (self.entries.first(), self.entries.last()) {
@@ -184,4 +230,17 @@ impl FlightLog {
 fn rms(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     let count = values.len();
     (count > 0).then(|| (values.map(|x| x * x).sum::<f64>() / count as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Percentiles;
+
+    #[test]
+    fn percentiles_are_values_of_the_distribution() {
+        let values = (1..=200).rev().map(f64::from).collect();
+        assert_eq!(Percentiles::of(values), Percentiles { p50: 100.0, p99: 198.0, max: 200.0 });
+        assert_eq!(Percentiles::of(vec![7.0]), Percentiles { p50: 7.0, p99: 7.0, max: 7.0 });
+        assert_eq!(Percentiles::of(Vec::new()), Percentiles::default());
+    }
 }

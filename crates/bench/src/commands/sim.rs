@@ -1,5 +1,4 @@
 use std::{
-    fmt::Write as _,
     io::IsTerminal,
     path::PathBuf,
     time::{Duration, Instant},
@@ -7,14 +6,13 @@ use std::{
 
 use anyhow::Context;
 use bench_plant::effects::parse_effect;
-use bench_recording::{ExportOptions, Finished, Mode, Options, Recorder, RecordingError, Session, export};
+use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Mission, Model, Rig};
-use bench_run::{Check, Ending, Flown, check, simulate};
+use bench_run::{check, simulate};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::json;
 
-use crate::{exit::Exit, files, words};
+use crate::{exit::Exit, files, flight::Flight, words};
 
 /// Fly a mission in the virtual lab, as fast as it goes, and record it
 #[derive(Args)]
@@ -100,9 +98,16 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     let flight =
         Flight { rig: &rig, mission: &mission, seed: arguments.seed, flown: &flown, checks: &checks };
     if arguments.json {
-        words::print_json(&flight.as_json(&finished))?;
+        words::print_json(&flight.as_json("bench.sim/1", &finished))?;
     } else {
-        words::print(&flight.in_words(&finished, took))?;
+        let duration_s = flown.summary.duration_s;
+        let head = format!(
+            "{}: {duration_s:.1} s flown in {:.0} ms ({} x real time)\n",
+            flight.name(),
+            took.as_secs_f64() * 1e3,
+            words::grouped((duration_s / took.as_secs_f64()) as u64)
+        );
+        words::print(&(head + &flight.in_words(&finished)))?;
     }
     if let Err(error) = finished {
         eprintln!("error: the flight was simulated, but not all of it recorded: {error}");
@@ -136,135 +141,4 @@ fn progress_bar(duration_s: f64) -> ProgressBar {
     let bar = ProgressBar::new((duration_s * 1000.0) as u64).with_style(style);
     bar.enable_steady_tick(Duration::from_millis(100));
     bar
-}
-
-/// A flight as told to a person or a program.
-struct Flight<'a> {
-    rig: &'a Rig,
-    mission: &'a Mission,
-    seed: u64,
-    flown: &'a Flown,
-    checks: &'a [Check],
-}
-
-impl Flight<'_> {
-    fn exit(&self) -> Exit {
-        match &self.flown.ending {
-            Ending::Stopped(_) | Ending::Fault(_) => Exit::Stopped,
-            Ending::Complete if self.checks.iter().all(|check| check.passed) => Exit::Done,
-            Ending::Complete => Exit::CheckFailed,
-        }
-    }
-
-    /// Name, value, unit of every figure that the flight defines.
-    fn figures(&self) -> Vec<(&'static str, f64, &'static str)> {
-        let s = &self.flown.summary;
-        [
-            ("peak", s.peak_m, "m"),
-            ("overshoot", s.overshoot_m, "m"),
-            ("settling time", s.settling_time_s, "s"),
-            ("RMS error", s.rms_error_m, "m"),
-            ("lateral RMS error", s.lateral_rms_error_m, "m"),
-            ("rebound at", s.rebound_m, "m"),
-            ("overruns", Some(s.overruns as f64), ""),
-        ]
-        .into_iter()
-        .filter_map(|(name, value, unit)| Some((name, value?, unit)))
-        .collect()
-    }
-
-    fn in_words(&self, finished: &Result<Finished, RecordingError>, took: Duration) -> String {
-        let summary = &self.flown.summary;
-        let mut out = format!(
-            "{} with {} on rig {}, seed {}: {:.1} s flown in {:.0} ms ({} x real time)\n",
-            self.mission.name,
-            self.rig.airframe.name,
-            self.rig.name,
-            self.seed,
-            summary.duration_s,
-            took.as_secs_f64() * 1e3,
-            words::grouped((summary.duration_s / took.as_secs_f64()) as u64)
-        );
-        for effect in &self.rig.effects {
-            let values: Vec<_> = effect.parameters.iter().map(|(key, x, _)| format!("{key} = {x}")).collect();
-            let _ = writeln!(out, "  with {}: {}", effect.name, values.join(", "));
-        }
-        for (name, value, unit) in self.figures() {
-            let digits = match unit {
-                "m" => 3,
-                "s" => 2,
-                _ => 0,
-            };
-            let _ = writeln!(out, "{}", format!("  {name:<18} {value:>8.digits$} {unit}").trim_end());
-        }
-        match &self.flown.ending {
-            Ending::Complete => {}
-            Ending::Stopped(reason) => _ = writeln!(out, "  stopped: {reason}"),
-            Ending::Fault(error) => _ = writeln!(out, "  fault: {error}"),
-        }
-        for check in self.checks {
-            let value = check.value.map_or("not reached".to_owned(), |value| format!("{value:.3}"));
-            let relation = if check.at_least { "at least" } else { "at most" };
-            let verdict = if check.passed { "passed" } else { "FAILED" };
-            let _ = writeln!(out, "  {verdict}  {}: {value}, {relation} {}", check.key, check.limit);
-        }
-        if let Ok(finished) = finished {
-            let _ = writeln!(
-                out,
-                "recorded {} ({}) to {}",
-                words::count(finished.messages, "message"),
-                words::size(finished.bytes),
-                finished.path.display()
-            );
-        }
-        out
-    }
-
-    fn as_json(&self, finished: &Result<Finished, RecordingError>) -> serde_json::Value {
-        let s = &self.flown.summary;
-        let (ending, reason) = match &self.flown.ending {
-            Ending::Complete => ("complete", None),
-            Ending::Stopped(reason) => ("stopped", Some(reason.to_string())),
-            Ending::Fault(error) => ("fault", Some(error.to_string())),
-        };
-        let checks: Vec<_> = self
-            .checks
-            .iter()
-            .map(|c| json!({ "key": c.key, "value": c.value, "limit": c.limit, "passed": c.passed }))
-            .collect();
-        let recording = finished.as_ref().ok().map(|finished| {
-            json!({ "path": finished.path, "messages": finished.messages, "bytes": finished.bytes })
-        });
-        json!({
-            "schema": "bench.sim/1",
-            "rig": self.rig.name,
-            "airframe": self.rig.airframe.name,
-            "mission": self.mission.name,
-            "seed": self.seed,
-            "effects": self.rig.effects.iter().map(|effect| json!({
-                "name": effect.name,
-                "parameters": effect.parameters.iter()
-                    .map(|(key, value, _)| (key.clone(), json!(value)))
-                    .collect::<serde_json::Map<_, _>>(),
-            })).collect::<Vec<_>>(),
-            "ending": ending,
-            "reason": reason,
-            "passed": self.exit() == Exit::Done,
-            "summary": {
-                "duration_s": s.duration_s,
-                "peak_m": s.peak_m,
-                "overshoot_m": s.overshoot_m,
-                "settling_time_s": s.settling_time_s,
-                "rms_error_m": s.rms_error_m,
-                "lateral_rms_error_m": s.lateral_rms_error_m,
-                "rebound_m": s.rebound_m,
-                "ticks": s.ticks,
-                "overruns": s.overruns,
-                "lateness_max_s": s.lateness_max_s,
-                "positions": s.positions,
-            },
-            "checks": checks,
-            "recording": recording,
-        })
-    }
 }

@@ -1,0 +1,316 @@
+//! `bench hil`: three threads share the work. The loop's thread has the board and flies; the recorder's writes the recording; this one
+//! has the signals and the screen.
+
+mod live;
+mod loop_thread;
+mod report;
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc,
+    },
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use anyhow::{Context, bail};
+use bench_dac::ports;
+use bench_plant::effects::{Effects, LIBRARY, Stage, parse_effect};
+use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
+use bench_rig::{Bench, Mission, Rig};
+use clap::Args;
+use tokio::{
+    signal::unix::{SignalKind, signal},
+    sync::oneshot,
+};
+
+use crate::{exit::Exit, files, words};
+use live::Live;
+use loop_thread::{Landed, LoopThread, Order, Ready};
+use report::Report;
+
+/// Fly a mission through real hardware, in real time, and record it
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench hil --port /dev/ttyACM0
+  bench hil --port /dev/ttyACM0 --mission hold-3d -o hold.mcap
+  bench emulate psoc5 --link /tmp/psoc5 & bench hil --port /tmp/psoc5
+
+`bench devices` lists ports; docs/hil.md tells wiring, checks and what stops a flight. Exit code 1 says that
+the mission's criteria were missed, 4 that a device failed or the flight was stopped; the throttle is at
+rest then.")]
+pub struct Arguments {
+    /// Serial port of the board
+    #[arg(long)]
+    port: Option<String>,
+    /// Rig file
+    #[arg(long, default_value = files::LOOPBACK_RIG)]
+    rig: PathBuf,
+    /// Mission file, or the name of one in the folder `missions` beside the rig
+    #[arg(long, default_value = "climb-040")]
+    mission: String,
+    /// Seed of the virtual airframe's and tracker's noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Add an effect to the virtual airframe: NAME:param=value,... (`bench effects` lists them); may be repeated
+    #[arg(long = "effect", value_name = "NAME:PARAM=VALUE")]
+    effects: Vec<String>,
+    /// Recording to write [default: recordings/hil-MISSION-SECONDS.mcap]
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// Also write the flight as a table: .csv, .xlsx or .parquet
+    #[arg(long, value_name = "FILE")]
+    export: Option<PathBuf>,
+    /// Replace an output that no simulation can make again
+    #[arg(long)]
+    force: bool,
+    /// Print the summary as JSON (schema bench.hil/1)
+    #[arg(long)]
+    json: bool,
+}
+
+/// How often the screen is brought up to date.
+const SCREEN: Duration = Duration::from_millis(100);
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let Some(port) = arguments.port.clone() else {
+        bail!("which port is the board on? name it with --port; {}", there_is());
+    };
+    let rig = rig(arguments)?;
+    let mission = files::mission(&arguments.mission, &arguments.rig)?;
+    let output = arguments.output.clone().unwrap_or_else(|| default_recording(&mission.name));
+    files::make_room(&output, arguments.force)?;
+
+    let stop = Arc::new(AtomicBool::new(false));
+    let (progress, live) = Live::new();
+    let (ready_sender, ready) = mpsc::channel();
+    let (order, orders) = mpsc::channel();
+    let (landed_sender, landed) = oneshot::channel();
+    let thread = LoopThread {
+        port: port.clone(),
+        rig: rig.clone(),
+        mission: mission.clone(),
+        seed: arguments.seed,
+        stop: Arc::clone(&stop),
+        progress,
+    };
+    // Signals are caught before anything can be armed.
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let mut signals = {
+        let _inside = runtime.enter();
+        Signals::catch()?
+    };
+    let handle = std::thread::Builder::new()
+        .name("loop".to_owned())
+        .spawn(move || thread.run(&ready_sender, &orders, landed_sender))
+        .context("cannot start the loop's thread")?;
+
+    let ready = match ready.recv() {
+        Ok(Ok(ready)) => ready,
+        Ok(Err(error)) => {
+            let _ = handle.join();
+            eprintln!("error: {error}");
+            return Ok(Exit::Stopped);
+        }
+        Err(_) => {
+            let _ = handle.join();
+            bail!("the loop's thread ended before it was ready");
+        }
+    };
+    eprintln!("{port}: {}; {}", ready.identity, ready.granted);
+    eprintln!("loop from outputs to inputs: {}", ready.calibration);
+    let session = session(&rig, &mission, arguments.seed, &port, &ready);
+    let recorder = match Recorder::create(&output, &session, Options::REAL_TIME) {
+        Ok(recorder) => recorder,
+        Err(error) => {
+            // Without an order the thread disarms and ends.
+            drop(order);
+            let _ = handle.join();
+            return Err(error.into());
+        }
+    };
+    let _ = order.send(Order::Fly(recorder));
+    let landed = runtime.block_on(watch(landed, live, &mut signals, &stop, mission.duration_s()));
+    let joined = handle.join();
+    let (Some(landed), Ok(())) = (landed, joined) else {
+        eprintln!(
+            "error: the loop's thread failed; the board zeroes its outputs by itself. Please report this"
+        );
+        return Ok(Exit::Stopped);
+    };
+    finish(arguments, &rig, &mission, &port, &ready, landed, &output)
+}
+
+/// Waits for the flight to end, with the screen and the signals.
+async fn watch(
+    mut landed: oneshot::Receiver<Landed>,
+    mut live: Live,
+    signals: &mut Signals,
+    stop: &AtomicBool,
+    duration_s: f64,
+) -> Option<Landed> {
+    let mut screen = tokio::time::interval(SCREEN);
+    live.begin(duration_s);
+    loop {
+        tokio::select! {
+            landed = &mut landed => {
+                live.end();
+                return landed.ok();
+            }
+            name = signals.next() => {
+                if stop.swap(true, Ordering::Relaxed) {
+                    live.end();
+                    eprintln!("{name} again: leaving at once; the board zeroes its outputs by itself within 300 ms");
+                    std::process::exit(Exit::Stopped as i32);
+                }
+                live.say(&format!("{name}: throttle to rest"));
+            }
+            _ = screen.tick() => live.draw(),
+        }
+    }
+}
+
+fn finish(
+    arguments: &Arguments,
+    rig: &Rig,
+    mission: &Mission,
+    port: &str,
+    ready: &Ready,
+    landed: Landed,
+    output: &Path,
+) -> anyhow::Result<Exit> {
+    let Landed { outcome, safe, counts, recorder } = landed;
+    let finished = recorder.finish();
+    let flown = match outcome {
+        Ok(flown) => flown,
+        Err(error) => {
+            eprintln!("error: not armed: {error}");
+            return Ok(Exit::Stopped);
+        }
+    };
+    let report = Report::new(rig, mission, arguments.seed, port, ready, &flown, &safe, counts);
+    if arguments.json {
+        words::print_json(&report.as_json(&finished))?;
+    } else {
+        words::print(&report.in_words(&finished))?;
+    }
+    let exit = report.exit();
+    let whole = match &finished {
+        Ok(finished) if finished.dropped == 0 => true,
+        Ok(finished) => {
+            eprintln!(
+                "warning: {} not recorded, the disk was too slow",
+                words::count(finished.dropped, "record")
+            );
+            false
+        }
+        Err(error) => {
+            eprintln!("error: flown, but not all of it recorded: {error}");
+            false
+        }
+    };
+    if let (Some(table), Ok(_)) = (&arguments.export, &finished) {
+        let exported = export(output, table, &ExportOptions::default())
+            .with_context(|| format!("cannot export to {}", table.display()))?;
+        eprintln!("exported {} to {}", words::tables(&exported), table.display());
+    }
+    // That a flight was stopped matters more than that records are missing.
+    Ok(if exit != Exit::Stopped && !whole { Exit::DataLoss } else { exit })
+}
+
+fn rig(arguments: &Arguments) -> anyhow::Result<Rig> {
+    let mut rig = files::rig(&arguments.rig)?;
+    let path = arguments.rig.display();
+    match rig.bench {
+        Bench::Loopback => {}
+        Bench::Transmitter => {
+            bail!(
+                "{path} needs a Kinect to see the airframe, and this version has no driver for one; fly {} instead",
+                files::LOOPBACK_RIG
+            )
+        }
+        Bench::Virtual => {
+            bail!("{path} has no hardware in it; fly it with `bench sim`, or give it `bench = \"loopback\"`")
+        }
+    }
+    for text in &arguments.effects {
+        rig.effects.push(parse_effect(text)?);
+    }
+    for entry in &rig.effects {
+        if LIBRARY.iter().any(|spec| spec.name == entry.name && spec.stage == Stage::Loop) {
+            bail!(
+                "{} acts on the loop's time, which is real here; leave it out, or slow the link down with `bench emulate psoc5`",
+                entry.name
+            );
+        }
+    }
+    // Effects are checked before anything is touched.
+    Effects::from_rig(&rig, arguments.seed)?;
+    Ok(rig)
+}
+
+fn there_is() -> String {
+    let paths: Vec<_> = ports::list().into_iter().map(|port| port.path).collect();
+    if paths.is_empty() {
+        "this machine has no serial port (`bench emulate psoc5` makes one)".to_owned()
+    } else {
+        format!("there is {}", paths.join(", "))
+    }
+}
+
+fn unix_seconds() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+fn default_recording(mission: &str) -> PathBuf {
+    Path::new("recordings").join(format!("hil-{mission}-{}.mcap", unix_seconds()))
+}
+
+fn session(rig: &Rig, mission: &Mission, seed: u64, port: &str, ready: &Ready) -> Session {
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let extra = [
+        ("started_unix_s", unix_seconds().to_string()),
+        ("host", host.trim().to_owned()),
+        ("port", port.to_owned()),
+        ("board", ready.identity.to_string()),
+        ("loop_calibration", ready.calibration.to_string()),
+        ("scheduling", ready.granted.to_string()),
+    ];
+    Session {
+        rig_name: rig.name.clone(),
+        rig_toml: Some(rig.to_toml()),
+        mission_name: mission.name.clone(),
+        mission_toml: Some(mission.to_toml()),
+        seed: Some(seed),
+        extra: extra.into_iter().map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
+        ..Session::new(Mode::Hil)
+    }
+}
+
+/// The signals that end a flight: Ctrl-C, `kill`, a terminal that was closed.
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+    hang_up: tokio::signal::unix::Signal,
+}
+
+impl Signals {
+    fn catch() -> anyhow::Result<Self> {
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hang_up: signal(SignalKind::hangup())?,
+        })
+    }
+
+    async fn next(&mut self) -> &'static str {
+        tokio::select! {
+            _ = self.interrupt.recv() => "Ctrl-C",
+            _ = self.terminate.recv() => "SIGTERM",
+            _ = self.hang_up.recv() => "SIGHUP",
+        }
+    }
+}

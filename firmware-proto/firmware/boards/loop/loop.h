@@ -1,0 +1,13 @@
+/*
+ * For boards without converters: outputs wired to inputs, each with the errors of real ones. Outputs go in steps of 16 mV,
+ * as a VDAC8 in its 4.08 V range; gain and offset are off by what its data sheet allows, differently on each channel.
+ */
+#ifndef LOOP_H
+#define LOOP_H
+
+#include <stdint.h>
+
+void loop_set(unsigned channel, int32_t microvolts);
+int32_t loop_read(unsigned channel);
+
+#endif

@@ -1,0 +1,273 @@
+use std::fs;
+
+use super::{Emulated, Flight, Process, rig_with, short_mission, wait_for};
+use crate::support::{Scratch, bench, json, refused, stdout};
+
+#[test]
+fn a_loopback_flight_is_flown_recorded_and_like_the_simulated_one() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let (flown, table) = (scratch.name("hil.mcap"), scratch.name("hil.csv"));
+    let hil =
+        ["hil", "--port", &board.port, "--mission", &mission, "-o", &flown, "--export", &table, "--json"];
+    let report = json(&bench(hil).assert().success());
+    assert_eq!((&report["schema"], &report["ending"]), (&"bench.hil/1".into(), &"complete".into()));
+    assert_eq!(report["outputs_at_zero"]["confirmed"], true);
+    assert_eq!(report["passed"], true);
+    for figure in ["p50", "p99", "max"] {
+        assert!(report["timing"]["lateness_s"][figure].as_f64().unwrap() >= 0.0);
+        assert!(report["timing"]["round_trip_s"][figure].as_f64().unwrap() > 0.0);
+    }
+    assert!(fs::read_to_string(table).unwrap().lines().next().unwrap().contains("truth"));
+
+    let info = json(&bench(["info", &flown, "--json"]).assert().success());
+    assert_eq!((&info["mode"], &info["rig"]), (&"hil".into(), &"loopback".into()));
+    // What cannot be made again is not replaced.
+    let again = bench(["hil", "--port", &board.port, "--mission", &mission, "-o", &flown]);
+    assert!(refused(again, 2).contains("--force"));
+
+    // The same mission in lockstep, with the noise of other seeds: the loopback flight is one of their kind.
+    let simulated: Vec<_> = (0..4)
+        .map(|seed: u32| {
+            let name = scratch.name(&format!("sim{seed}.mcap"));
+            let seed = seed.to_string();
+            bench([
+                "sim",
+                "--rig",
+                "rigs/loopback.toml",
+                "--mission",
+                &mission,
+                "--seed",
+                &seed,
+                "-o",
+                &name,
+            ])
+            .assert()
+            .success();
+            name
+        })
+        .collect();
+    let apart_m = |a: &str, b: &str| {
+        let report = json(&bench(["diff", a, b, "--json"]).assert().code(vec![0, 1]));
+        assert_eq!(report["schema"], "bench.diff/1");
+        let fields = report["fields"].as_array().unwrap();
+        let z =
+            fields.iter().find(|f| f["channel"] == "/plant/truth" && f["field"] == "position_m.z").unwrap();
+        z["difference"]["rms"].as_f64().unwrap()
+    };
+    let spread_m = simulated[1..].iter().map(|b| apart_m(&simulated[0], b)).fold(0.0, f64::max);
+    let hil_m = apart_m(&simulated[0], &flown);
+    // Twice the spread of three, and half a converter's step for a second at hover: 16 mV/2 x 0.105 N/V / 15 g.
+    assert!(
+        hil_m < 2.0 * spread_m + 0.03,
+        "{hil_m} m rms from the simulation, whose seeds differ by {spread_m} m"
+    );
+}
+
+#[test]
+fn signals_bring_the_throttle_to_rest_before_the_recording_is_closed() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    for (signal, word) in [("INT", "Ctrl-C"), ("TERM", "SIGTERM"), ("HUP", "SIGHUP")] {
+        let recording = scratch.name(&format!("{signal}.mcap"));
+        let flight = Flight::start(&scratch, &board.port, &recording, &["--mission", &mission]);
+        // In flight: the recording has grown beyond its head.
+        wait_for("a recording", || fs::metadata(&recording).is_ok_and(|file| file.len() > 10_000));
+        flight.process.signal(signal);
+        let (code, words) = flight.end();
+        assert_eq!(code, Some(4), "{words}");
+        assert!(words.contains(word) && words.contains("stopped: asked to stop"), "{words}");
+        assert!(words.contains("outputs seen at zero, board disarmed"), "{words}");
+        let table = scratch.name("end.csv");
+        bench(["export", &recording, "-o", &table, "--channel", "/control/command", "--force"])
+            .assert()
+            .success();
+        let commands = fs::read_to_string(&table).unwrap();
+        let throttle = column(&commands, "throttle");
+        assert!(throttle.iter().any(|v| *v > 1.0) && throttle.last() == Some(&0.0), "{throttle:?}");
+    }
+}
+
+/// The numbers of the column whose header holds `name`.
+fn column(table: &str, name: &str) -> Vec<f64> {
+    let mut rows = csv::Reader::from_reader(table.as_bytes());
+    let at = rows.headers().unwrap().iter().position(|header| header.contains(name)).unwrap();
+    rows.records().map(|row| row.unwrap()[at].parse().unwrap()).collect()
+}
+
+#[test]
+fn safety_limits_stop_the_flight_with_their_reason() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let cases = [
+        ("ceiling_m = 2.0", "ceiling_m = 0.2", "above the ceiling"),
+        ("flight_time_max_s = 300.0", "flight_time_max_s = 0.5", "in flight for more than 0.5 s"),
+        // No frame is ever as young as that.
+        ("tracker_timeout_s = 1.0", "tracker_timeout_s = 0.000001", "no position for"),
+    ];
+    for (old, new, reason) in cases {
+        let rig = rig_with(&scratch, old, new);
+        let recording = scratch.name("stopped.mcap");
+        let words = stdout(
+            &bench([
+                "hil",
+                "--port",
+                &board.port,
+                "--rig",
+                &rig,
+                "--mission",
+                &mission,
+                "-o",
+                &recording,
+                "--force",
+            ])
+            .assert()
+            .code(4),
+        );
+        assert!(words.contains("stopped: ") && words.contains(reason), "{new}: {words}");
+        assert!(words.contains("outputs seen at zero"), "{words}");
+        // Whole, and says why.
+        bench(["info", &recording]).assert().success();
+    }
+}
+
+#[test]
+fn a_board_that_fails_ends_the_flight_and_its_return_is_seen() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let cases: [(&[&str], &str, &str); 3] = [
+        (&["--unplug", "1.5:0.5"], "is gone", "after opening the port again, outputs seen at zero"),
+        (&["--stall", "1.5:1"], "gave no answer for", "outputs seen at zero"),
+        (&["--brown-out", "1.5"], "its supply sagged", "the board says: its supply sagged"),
+    ];
+    for (faults, reason, end) in cases {
+        let board = Emulated::start(&scratch, faults);
+        let recording = scratch.name("failed.mcap");
+        let hil = ["hil", "--port", &board.port, "--mission", &mission, "-o", &recording, "--force"];
+        let words = stdout(&bench(hil).assert().code(4));
+        assert!(
+            words.contains("fault: ") && words.contains(reason) && words.contains(end),
+            "{faults:?}: {words}"
+        );
+        bench(["info", &recording]).assert().success();
+    }
+}
+
+#[test]
+fn a_full_disk_loses_records_and_not_the_flight() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let out = scratch.name("full.mcap");
+    // A file-size limit of 16 blocks of 512 bytes stands for a full disk.
+    let script = "trap '' XFSZ; ulimit -f 16; exec \"$0\" hil --port \"$1\" --mission \"$2\" -o \"$3\"";
+    let output = std::process::Command::new("sh")
+        .args(["-c", script, env!("CARGO_BIN_EXE_bench"), &board.port, &mission, &out])
+        .current_dir(crate::support::root())
+        .output()
+        .unwrap();
+    let (words, talk) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr).into_owned());
+    assert_eq!(output.status.code(), Some(3), "{words}{talk}");
+    assert!(words.contains("passed  peak_min_m") && words.contains("outputs seen at zero"), "{words}");
+    assert!(talk.contains("not all of it recorded"), "{talk}");
+}
+
+#[test]
+fn what_cannot_be_flown_is_refused_before_anything_moves() {
+    let scratch = Scratch::new();
+    let board = Emulated::start(&scratch, &["--protocol-version", "9"]);
+    let transmitter = rig_with(&scratch, "bench = \"loopback\"", "bench = \"transmitter\"");
+    let out = scratch.name("x.mcap");
+    let cases: [(&[&str], i32, &str); 8] = [
+        (&[], 2, "--port"),
+        (&["--port", "/dev/ttyNONE"], 4, "there is no port /dev/ttyNONE"),
+        (&["--port", "/dev/null"], 4, "is it a serial port?"),
+        (&["--port", &board.port], 4, "protocol 9"),
+        (&["--port", &board.port, "--rig", "rigs/virtual.toml"], 2, "bench sim"),
+        (&["--port", &board.port, "--rig", &transmitter, "--mission", "rigs/missions/hop.toml"], 2, "Kinect"),
+        (&["--port", &board.port, "--mission", "loop"], 2, "climb-040"),
+        (
+            &["--port", &board.port, "--effect", "loop-overrun:probability=0.1,mean_lateness_s=0.1"],
+            2,
+            "loop-overrun",
+        ),
+    ];
+    for (arguments, code, expected) in cases {
+        let mut command = bench(["hil", "-o", &out]);
+        command.args(arguments);
+        let words = refused(command, code);
+        assert!(words.contains(expected), "{arguments:?}: {words}");
+        assert!(!scratch.path("x.mcap").exists(), "{arguments:?} left a recording");
+    }
+}
+
+#[test]
+fn a_port_in_use_names_who_has_it() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.name("a.mcap");
+    let flight = Flight::start(&scratch, &board.port, &recording, &["--mission", &mission]);
+    wait_for("a recording", || scratch.path("a.mcap").exists());
+    let words = refused(bench(["hil", "--port", &board.port, "-o", &scratch.name("b.mcap")]), 4);
+    assert!(words.contains("in use by bench"), "{words}");
+    assert_eq!(flight.end().0, Some(0), "the other was not disturbed");
+}
+
+#[test]
+fn devices_are_listed_whatever_there_is() {
+    let listed = json(&bench(["devices", "--json"]).assert().success());
+    assert_eq!(listed["schema"], "bench.devices/1");
+    assert!(listed["ports"].is_array() && listed["kinects"].is_array());
+    let words = stdout(&bench(["devices"]).assert().success());
+    assert!(words.contains("serial ports") && words.contains("Kinects"), "{words}");
+}
+
+#[test]
+fn an_emulated_board_refuses_faults_that_make_no_sense() {
+    let cases: [(&[&str], &str); 5] = [
+        (&["--drop", "1.5"], "--drop"),
+        (&["--latency-ms=-1"], "--latency-ms"),
+        (&["--stall", "3"], "AT:FOR"),
+        (&["--unplug", "soon"], "--unplug"),
+        (&["--unplug", "1:1"], "--link"),
+    ];
+    for (arguments, expected) in cases {
+        let mut command = bench(["emulate", "psoc5"]);
+        command.args(arguments);
+        let output = command.assert().code(2).get_output().clone();
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(words.contains(expected), "{arguments:?}: {words}");
+    }
+    // Somebody's file is not replaced by the link.
+    let scratch = Scratch::new();
+    fs::write(scratch.path("notes"), "mine").unwrap();
+    refused(bench(["emulate", "psoc5", "--link", &scratch.name("notes")]), 2);
+    assert_eq!(fs::read_to_string(scratch.path("notes")).unwrap(), "mine");
+}
+
+#[test]
+fn a_host_that_is_killed_leaves_outputs_that_zero_themselves() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.name("killed.mcap");
+    let mut flight = Flight::start(&scratch, &board.port, &recording, &["--mission", &mission]);
+    wait_for("a recording", || fs::metadata(&recording).is_ok_and(|file| file.len() > 10_000));
+    let Process(child) = &mut flight.process;
+    child.kill().unwrap();
+    child.wait().unwrap();
+    // The next one finds the board tripped or still armed, and both at zero once it is connected.
+    let next = scratch.name("next.mcap");
+    bench(["hil", "--port", &board.port, "--mission", &mission, "-o", &next]).assert().success();
+    // And of the first flight all but the last half second is there; whether that lost anything depends on when it ended.
+    crate::support::unclosed(&recording);
+    let back = scratch.name("back.mcap");
+    bench(["recover", &recording, "-o", &back]).assert().code(vec![0, 3]);
+    let info = json(&bench(["info", &back, "--json"]).assert().code(vec![0, 3]));
+    assert!(info["messages"].as_u64().unwrap() > 50, "{info}");
+}
