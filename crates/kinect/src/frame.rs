@@ -112,22 +112,30 @@ pub fn unpack_depth(packed: &[u8], depth: &mut [u16]) -> Result<(), KinectError>
     expect_length("packed depth", packed.len(), PACKED_DEPTH_BYTES)?;
     expect_length("unpacked depth", depth.len() * 2, PIXELS * 2)?;
     for (bytes, pixels) in packed.as_chunks::<11>().0.iter().zip(depth.as_chunks_mut::<8>().0) {
-        // Pixels 0 to 4 lie in the first eight bytes, 5 to 7 in the last eight.
-        let [b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10] = *bytes;
-        let head = u64::from_be_bytes([b0, b1, b2, b3, b4, b5, b6, b7]);
-        let tail = u64::from_be_bytes([b3, b4, b5, b6, b7, b8, b9, b10]);
+        // Pixels 0 to 3 lie in the first eight bytes, 4 to 7 in the last eight. Eleven bytes hold both.
+        let (Some(head), Some(tail)) = (bytes.first_chunk(), bytes.last_chunk()) else { continue };
+        let (head, tail) = (four(u64::from_be_bytes(*head) >> 20), four(u64::from_be_bytes(*tail)));
+        let lane = |word: u64, i: u32| (word >> (16 * i)) as u16;
         *pixels = [
-            (head >> 53) as u16,
-            (head >> 42) as u16 & 2047,
-            (head >> 31) as u16 & 2047,
-            (head >> 20) as u16 & 2047,
-            (head >> 9) as u16 & 2047,
-            (tail >> 22) as u16 & 2047,
-            (tail >> 11) as u16 & 2047,
-            tail as u16 & 2047,
+            lane(head, 0),
+            lane(head, 1),
+            lane(head, 2),
+            lane(head, 3),
+            lane(tail, 0),
+            lane(tail, 1),
+            lane(tail, 2),
+            lane(tail, 3),
         ];
     }
     Ok(())
+}
+
+/// The lowest 44 bits, which hold four pixels with the first on top, to four lanes of 16 bits with the first at the bottom:
+/// first in halves, then in quarters.
+fn four(bits: u64) -> u64 {
+    const ELEVEN: u64 = 0x07ff_0000_07ff;
+    let halves = (bits >> 22 & 0x3f_ffff) | (bits & 0x3f_ffff) << 32;
+    (halves >> 11 & ELEVEN) | (halves & ELEVEN) << 16
 }
 
 /// One value a pixel to packed 11-bit depth; bits above the eleventh are dropped.

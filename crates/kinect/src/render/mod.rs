@@ -273,7 +273,8 @@ impl Renderer {
         for y in outline.depth_rows(self.camera.line_time_s, lag_s) {
             let time_s = lag_s + raster::row_time_s(y, self.camera.line_time_s);
             let Some((from, to)) = outline.depth_span(y as f64, time_s) else { continue };
-            let (first, end) = ((from.ceil().max(0.0)) as usize, (to + 1.0).floor().clamp(0.0, WIDTH as f64) as usize);
+            let (first, end) =
+                ((from.ceil().max(0.0)) as usize, (to + 1.0).floor().clamp(0.0, WIDTH as f64) as usize);
             if first >= end {
                 continue;
             }

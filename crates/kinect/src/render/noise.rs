@@ -14,7 +14,8 @@ const LINE: usize = 1 << 17;
 
 impl Line {
     pub(super) fn new(rng: &mut ChaCha8Rng) -> Self {
-        let mut values: Vec<i8> = (0..LINE).map(|_| (normal(rng) * 32.0).clamp(-127.0, 127.0) as i8).collect();
+        let mut values: Vec<i8> =
+            (0..LINE).map(|_| (normal(rng) * 32.0).clamp(-127.0, 127.0) as i8).collect();
         values.extend_from_within(..1024);
         Self(values)
     }

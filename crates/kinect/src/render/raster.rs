@@ -39,12 +39,8 @@ impl Patch {
     }
 
     pub(super) fn include(&mut self, x: usize, y: usize) {
-        *self = Self {
-            x0: self.x0.min(x),
-            y0: self.y0.min(y),
-            x1: self.x1.max(x + 1),
-            y1: self.y1.max(y + 1),
-        };
+        *self =
+            Self { x0: self.x0.min(x), y0: self.y0.min(y), x1: self.x1.max(x + 1), y1: self.y1.max(y + 1) };
     }
 }
 
@@ -83,7 +79,8 @@ impl Moving {
         };
         let colour = outline(&|point| camera.colour_pixel(point))?;
         let depth = outline(&|point| camera.depth_pixel(point))?;
-        let mean_z = |points: &Points| points[..corners.len()].iter().map(|p| p.z).sum::<f64>() / corners.len() as f64;
+        let mean_z =
+            |points: &Points| points[..corners.len()].iter().map(|p| p.z).sum::<f64>() / corners.len() as f64;
         let (z_before, z_after) = (mean_z(&before), mean_z(&after));
         let slope = if corners.len() == 4 { slope(&depth, &before, &after) } else { [0.0; 2] };
         Some(Self {
@@ -117,7 +114,8 @@ impl Moving {
     /// Raw disparity at a pixel of the depth image.
     pub(super) fn raw(&self, law: &Disparity, x: f64, y: f64, time_s: f64) -> f64 {
         let middle = self.depth.middle + self.depth.middle_velocity * time_s;
-        let inverse = self.depth_m(time_s).recip() + self.slope[0] * (x - middle.x) + self.slope[1] * (y - middle.y);
+        let inverse =
+            self.depth_m(time_s).recip() + self.slope[0] * (x - middle.x) + self.slope[1] * (y - middle.y);
         law.raw(inverse.recip())
     }
 
@@ -148,9 +146,7 @@ fn placed(camera: &Camera, pose: &Pose, corners: &[Vector3<f64>], time_s: f64) -
 }
 
 /// One side of the hull of sorted points, without its last one.
-fn half_way_around<'a>(
-    points: impl Iterator<Item = &'a (Vector2<f64>, Vector3<f64>)>,
-) -> Vec<Vector3<f64>> {
+fn half_way_around<'a>(points: impl Iterator<Item = &'a (Vector2<f64>, Vector3<f64>)>) -> Vec<Vector3<f64>> {
     let mut side: Vec<(Vector2<f64>, Vector3<f64>)> = Vec::with_capacity(CORNERS);
     for point in points {
         while let [.., a, b] = side.as_slice()

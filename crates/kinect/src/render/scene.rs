@@ -106,7 +106,11 @@ impl Scene {
                 3 => {
                     let long = side(&mut rng, 0.04, 0.4);
                     let short = long / side(&mut rng, 3.0, 10.0);
-                    if rng.random() { (long, short, Shape::Rectangle) } else { (short, long, Shape::Rectangle) }
+                    if rng.random() {
+                        (long, short, Shape::Rectangle)
+                    } else {
+                        (short, long, Shape::Rectangle)
+                    }
                 }
                 4 => (side(&mut rng, 0.06, 0.3), side(&mut rng, 0.06, 0.3), Shape::Ring),
                 _ => (side(&mut rng, 0.06, 0.3), side(&mut rng, 0.06, 0.3), Shape::Corner),

@@ -30,10 +30,13 @@ struct Run {
 /// A connected blob of red quads (neighbours by side or corner) with its moments, in quads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Blob {
-    /// First and last column and row, the last ones excluded.
+    /// First column.
     pub x0: usize,
+    /// First row.
     pub y0: usize,
+    /// Last column, excluded.
     pub x1: usize,
+    /// Last row, excluded.
     pub y1: usize,
     /// Quads.
     pub area: u64,

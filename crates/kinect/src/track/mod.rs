@@ -20,8 +20,8 @@ use crate::{
     frame::{Frame, TICKS_PER_S},
 };
 
-pub use blobs::{Blob, red_row};
 use blobs::Finder;
+pub use blobs::{Blob, red_row};
 pub use gates::Rejection;
 use gates::{Judged, judge};
 
@@ -34,6 +34,11 @@ const SIZE_SIGMA_PX: f64 = 1.0;
 /// The largest speed against the prediction, m/s, and how far off a frame may be besides, m.
 const SURPRISE_M_S: f64 = 2.0;
 const SURPRISE_M: f64 = 0.10;
+/// How well the track foretells depth, m, and what it loses a second, m/s.
+const TRACK_SIGMA_M: f64 = 0.01;
+const TRACK_SIGMA_M_S: f64 = 0.5;
+/// A marker that was not there before is believed in this many frames: what noise makes of a red thing does not last.
+const BELIEVED_AFTER: u32 = 2;
 /// After this long without the marker it may be anywhere, s.
 const FORGET_S: f64 = 0.5;
 /// Share of the prediction's error that corrects the velocity.
@@ -94,7 +99,7 @@ pub struct Tracker {
     candidates: Vec<Candidate>,
     judged: Vec<(usize, Judged)>,
     track: Option<Track>,
-    scratch: Vec<u16>,
+    samples: Vec<u16>,
 }
 
 /// Where the marker was, in the camera frame.
@@ -105,6 +110,8 @@ struct Track {
     velocity_m_s: Vector3<f64>,
     /// Whether the velocity is known at all.
     moving: bool,
+    /// In how many frames it was seen.
+    seen: u32,
 }
 
 impl Track {
@@ -122,7 +129,7 @@ impl Tracker {
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             judged: Vec::with_capacity(MAX_CANDIDATES),
             track: None,
-            scratch: Vec::with_capacity(gates::MAX_SAMPLES),
+            samples: Vec::with_capacity(gates::MAX_SAMPLES),
         }
     }
 
@@ -148,27 +155,19 @@ impl Tracker {
         let Some((chosen, ambiguous)) = self.choose(at) else { return Sighting::default() };
         let (index, judged) = self.judged[chosen];
         self.candidates[index].chosen = true;
-        let blob = self.candidates[index].blob;
-        let Some(centre) = refine::centroid(&frame.colour, &blob) else { return Sighting::default() };
-        let row_s = (centre.y - 239.5) * self.camera.line_time_s;
+        let row_s = (judged.centre.y - 239.5) * self.camera.line_time_s;
         let exposed_at = at.shifted(row_s);
-        let mut z_m = judged.z_m;
-        if let (DepthFrom::Disparity, Some(track)) = (judged.depth_from, self.track.filter(|track| track.moving)) {
-            // The two images are not taken at the same time.
-            let lag_s = f64::from(frame.depth_ticks.wrapping_sub(frame.colour_ticks).cast_signed()) / TICKS_PER_S;
-            if lag_s.abs() < 0.02 {
-                z_m -= track.velocity_m_s.z * lag_s;
-            }
+        let z_m = self.depth_now(frame, exposed_at, &judged);
+        let marker_m = judged.ray * z_m;
+        if self.follow(exposed_at, marker_m) < BELIEVED_AFTER {
+            return Sighting::default();
         }
-        let ray = self.camera.colour_ray(centre);
-        let marker_m = ray * z_m;
-        self.follow(exposed_at, marker_m);
         Sighting {
             status: if ambiguous { TrackStatus::Ambiguous } else { TrackStatus::Found },
             exposed_at,
             position_m: (self.camera.to_world(&marker_m) - self.camera.marker_offset_m).into(),
-            covariance_m2: self.covariance(&ray, z_m, &judged).into(),
-            pixel: centre.into(),
+            covariance_m2: self.covariance(z_m, &judged).into(),
+            pixel: judged.centre.into(),
             size_px: judged.size_px,
             z_m,
             raw: judged.raw,
@@ -184,7 +183,7 @@ impl Tracker {
             if blob.area < gates::MIN_QUADS || self.candidates.len() == MAX_CANDIDATES {
                 continue;
             }
-            let judgement = judge(blob, frame, &self.camera, &mut self.scratch);
+            let judgement = judge(blob, frame, &self.camera, &mut self.samples);
             let (z_m, rejection) = match &judgement {
                 Ok(judged) => (Some(judged.z_m), None),
                 Err(rejection) => (None, Some(*rejection)),
@@ -199,23 +198,20 @@ impl Tracker {
     /// Which of the judged blobs is the marker, and whether another might be.
     fn choose(&mut self, at: Time) -> Option<(usize, bool)> {
         let Some(track) = self.track else {
-            // Nothing but the depth image tells how large a red thing is when it is first seen.
-            for (index, _) in self.judged.iter().filter(|(_, judged)| judged.depth_from == DepthFrom::Size) {
-                self.candidates[*index].rejection = Some(Rejection::NoDepth);
+            for (index, _) in self.judged.iter().filter(|(_, judged)| !judged.plain) {
+                self.candidates[*index].rejection = Some(Rejection::Doubtful);
             }
-            let mut sure = (0..self.judged.len()).filter(|i| self.judged[*i].1.depth_from == DepthFrom::Disparity);
-            let first = sure.next()?;
-            let best = sure.clone().chain([first]).min_by(|a, b| {
-                self.judged[*a].1.unlikeness.total_cmp(&self.judged[*b].1.unlikeness)
-            })?;
-            return Some((best, sure.next().is_some()));
+            let plain = || (0..self.judged.len()).filter(|i| self.judged[*i].1.plain);
+            let unlikeness = |i: &usize| self.judged[*i].1.unlikeness;
+            let best = plain().min_by(|a, b| unlikeness(a).total_cmp(&unlikeness(b)))?;
+            return Some((best, plain().count() > 1));
         };
         let reach_m = SURPRISE_M + SURPRISE_M_S * at.since_s(track.at);
         let predicted = track.predicted(at);
         let mut best: Option<(usize, f64)> = None;
         let mut within = 0;
         for (i, (index, judged)) in self.judged.iter().enumerate() {
-            let away_m = (judged.marker_m - predicted).norm();
+            let away_m = (judged.ray * judged.z_m - predicted).norm();
             if away_m > reach_m {
                 self.candidates[*index].rejection = Some(Rejection::Elsewhere);
                 continue;
@@ -228,7 +224,28 @@ impl Tracker {
         best.map(|(i, _)| (i, within > 1))
     }
 
-    fn follow(&mut self, at: Time, marker_m: Vector3<f64>) {
+    /// The depth at the colour image's exposure, with what the track knows of it.
+    fn depth_now(&self, frame: &Frame, at: Time, judged: &Judged) -> f64 {
+        let Some(track) = self.track.filter(|track| track.moving) else { return judged.z_m };
+        match judged.depth_from {
+            DepthFrom::Disparity => {
+                // The two images are not taken at the same time.
+                let lag = frame.depth_ticks.wrapping_sub(frame.colour_ticks).cast_signed();
+                let lag_s = f64::from(lag) / TICKS_PER_S;
+                if lag_s.abs() < 0.02 { judged.z_m - track.velocity_m_s.z * lag_s } else { judged.z_m }
+            }
+            DepthFrom::Size => {
+                // Two guesses, each by its weight.
+                let size_m2 = (judged.z_m * SIZE_SIGMA_PX / judged.size_px).powi(2);
+                let track_m2 = (TRACK_SIGMA_M + TRACK_SIGMA_M_S * at.since_s(track.at)).powi(2);
+                (judged.z_m * track_m2 + track.predicted(at).z * size_m2) / (size_m2 + track_m2)
+            }
+        }
+    }
+
+    /// Goes on with the track, or begins one; returns in how many frames the marker was seen.
+    fn follow(&mut self, at: Time, marker_m: Vector3<f64>) -> u32 {
+        let seen = self.track.map_or(0, |track| track.seen).saturating_add(1);
         let (velocity_m_s, moving) = match self.track {
             Some(track) if at.since_s(track.at) > 1e-3 => {
                 let dt_s = at.since_s(track.at);
@@ -239,11 +256,13 @@ impl Tracker {
             }
             _ => (Vector3::zeros(), false),
         };
-        self.track = Some(Track { at, marker_m, velocity_m_s, moving });
+        self.track = Some(Track { at, marker_m, velocity_m_s, moving, seen });
+        seen
     }
 
     /// The centroid's error across the ray and the depth's error along it.
-    fn covariance(&self, ray: &Vector3<f64>, z_m: f64, judged: &Judged) -> Matrix3<f64> {
+    fn covariance(&self, z_m: f64, judged: &Judged) -> Matrix3<f64> {
+        let ray = judged.ray;
         let lateral_m = CENTROID_SIGMA_PX * z_m / self.camera.colour_focal_px();
         let depth_m = match judged.depth_from {
             DepthFrom::Disparity => DISPARITY_SIGMA * self.camera.disparity().step_m(z_m),
