@@ -1,11 +1,14 @@
 //! One module a command.
 
 pub mod blind;
+pub mod calibrate;
 pub mod diagnose;
 pub mod diff;
 pub mod effects;
 pub mod export;
 pub mod import;
 pub mod info;
+pub mod record_frames;
 pub mod recover;
 pub mod sim;
+pub mod track;

@@ -4,7 +4,8 @@
 //! wait for the tick -> poll positions -> decide -> write and read back -> record -> safety -> next tick
 //! ```
 //!
-//! [`fly`] drives any three ends through the traits of `bench_device`; [`simulate`] drives the virtual lab in lockstep.
+//! [`fly`] drives any three ends through the traits of `bench_device`; [`simulate`] drives the virtual lab in lockstep,
+//! [`simulate_seen`] does with a tracker that looks at frames.
 //! What a flight achieved is a [`Summary`], computed the same way for every bench from what the tracker saw.
 
 mod fly;
@@ -15,6 +16,6 @@ mod summary;
 
 pub use fly::{Ending, Flown, Progress, fly};
 pub use safety::StopReason;
-pub use simulate::{SimulationError, simulate};
+pub use simulate::{SimulationError, simulate, simulate_seen};
 pub use sink::Sink;
 pub use summary::{Check, Summary, check};
