@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::anyhow;
+use anyhow::{anyhow, bail};
 use bench_device::{PositionSource, TrackStatus};
 use bench_kinect::{
     Frame, KinectError, TrackedFrames,
@@ -11,7 +11,7 @@ use bench_kinect::{
     views::Views,
 };
 use bench_plant::lab::Exposures;
-use bench_rig::{Calibration, Rig};
+use bench_rig::{Calibration, Mission, PhaseAction, Rig};
 
 /// The calibration of a rig; an error that says how to get one.
 pub fn calibration<'a>(rig: &'a Rig, file: &Path) -> anyhow::Result<&'a Calibration> {
@@ -24,12 +24,30 @@ pub fn calibration<'a>(rig: &'a Rig, file: &Path) -> anyhow::Result<&'a Calibrat
     })
 }
 
-/// What the camera of a room with red distractors sees.
-pub fn renderer(calibration: &Calibration, seed: u64) -> Renderer {
-    Renderer::new(calibration, &Scene::with_distractors(), Settings::default(), seed)
+/// What the camera of a room sees.
+pub fn renderer(calibration: &Calibration, scene: &Scene, seed: u64) -> Renderer {
+    Renderer::new(calibration, scene, Settings::default(), seed)
 }
 
-/// A position source that renders each exposure of the lab and tracks the marker in the frame; `watch` is shown each.
+/// The tracker of one marker gives no heading, so nothing can hold it.
+pub fn check_mission(mission: &Mission) -> anyhow::Result<()> {
+    let turns = mission.phases.iter().any(|phase| match &phase.action {
+        PhaseAction::Hold { heading_rad, .. } => {
+            heading_rad.points().iter().any(|[_, heading]| *heading != 0.0)
+        }
+        _ => false,
+    });
+    if turns {
+        bail!(
+            "mission {} turns the heading, which a tracker of one marker does not see; fly it without frames, or choose \
+             another mission",
+            mission.name
+        );
+    }
+    Ok(())
+}
+
+/// A position source that renders each exposure of the lab, in a room with red distractors, and tracks the marker in the frame; `watch` is shown each.
 pub fn tracker<'a>(
     mut exposures: Exposures,
     calibration: &Calibration,
@@ -49,7 +67,7 @@ pub fn tracker<'a>(
             arrives_at: exposure.arrives_at,
         })
     };
-    let frames = RenderedFrames::new(renderer(calibration, seed), poll);
+    let frames = RenderedFrames::new(renderer(calibration, &Scene::with_distractors(), seed), poll);
     TrackedFrames::new(frames, Tracker::new(calibration), rig.tracker.latency_s.value, watch)
 }
 

@@ -421,13 +421,13 @@ pub fn latency(
     let camera = Camera::new(calibration);
     let mut tracker = Tracker::new(calibration);
     let mut replay = Replay::open(folder)?;
-    let began_s = replay.began_s();
+    let origin_s = replay.origin_s();
     let mut track = Vec::new();
     while let Some(frame) = replay.next_frame()? {
         let sighting = tracker.track(frame, frame.arrived_at);
         if sighting.status == TrackStatus::Found {
             let marker_m = Vector3::from(sighting.position_m) + camera.marker_offset_m;
-            track.push((began_s + sighting.exposed_at.seconds(), marker_m));
+            track.push((origin_s + sighting.exposed_at.seconds(), marker_m));
         }
     }
     // Only those whose reference is there for every shift that is tried.

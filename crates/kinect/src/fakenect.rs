@@ -25,6 +25,9 @@ pub const INDEX: &str = "INDEX.txt";
 /// Two images whose device times differ by more than half a frame do not belong together, ticks.
 const SAME_FRAME_TICKS: i64 = (TICKS_PER_S / 60.0) as i64;
 
+/// The longest latency of the tracking chain that a rig may state, s.
+const LEAD_S: f64 = 1.0;
+
 /// What a file of a recording holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -171,7 +174,8 @@ fn image_data<'a>(file: &'a [u8], magic: &[u8; 2], depths: &[usize]) -> Result<&
 
 /// A folder of recorded frames, as a source of them: each colour image with the depth image nearest in device time.
 ///
-/// Frames come as fast as they are asked for. Their arrival is the host time since the first frame.
+/// Frames come as fast as they are asked for. Their arrival is the host time since a second before the first frame, so that
+/// exposures, which come before arrivals, have a time as well.
 pub struct Replay {
     folder: PathBuf,
     pairs: Vec<(Entry, Entry)>,
@@ -212,10 +216,10 @@ impl Replay {
         self.unpaired
     }
 
-    /// Host time of the first frame, s.
-    pub fn began_s(&self) -> f64 {
+    /// Host time from which arrivals count, s.
+    pub fn origin_s(&self) -> f64 {
         let (colour, depth) = &self.pairs[0];
-        colour.host_s.max(depth.host_s)
+        colour.host_s.max(depth.host_s) - LEAD_S
     }
 
     /// The next frame; `None` after the last.
@@ -237,8 +241,8 @@ impl Replay {
         frame.colour_ticks = colour.ticks;
         frame.depth_ticks = depth.ticks;
         let (first_colour, first_depth) = &self.pairs[0];
-        let began_s = first_colour.host_s.max(first_depth.host_s);
-        frame.arrived_at = Time::from_seconds(colour.host_s.max(depth.host_s) - began_s);
+        let origin_s = first_colour.host_s.max(first_depth.host_s) - LEAD_S;
+        frame.arrived_at = Time::from_seconds(colour.host_s.max(depth.host_s) - origin_s);
         Ok(Some(&self.frame))
     }
 }
@@ -416,12 +420,13 @@ mod tests {
         assert_eq!(recorder.finish().unwrap(), 2);
 
         let mut replay = Replay::open(folder.path()).unwrap();
-        assert_eq!((replay.frames(), replay.unpaired(), replay.began_s()), (2, 0, 1e9));
+        assert_eq!((replay.frames(), replay.unpaired(), replay.origin_s()), (2, 0, 1e9 - 1.0));
+        let first = Frame { arrived_at: Time::from_seconds(1.0), ..first };
         assert!(replay.next_frame().unwrap() == Some(&first));
         let second = replay.next_frame().unwrap().unwrap();
         assert!(second.colour == frame.colour && second.depth[1000..1010] == [NO_READING; 10]);
         // Names hold microseconds.
-        assert!((second.arrived_at.since_s(frame.arrived_at)).abs() < 1e-6);
+        assert!((second.arrived_at.since_s(frame.arrived_at) - 1.0).abs() < 1e-6);
         assert!(replay.next_frame().unwrap().is_none());
         assert!(matches!(Recorder::create(folder.path(), 0.0), Err(KinectError::Exists { .. })));
     }

@@ -10,7 +10,7 @@ use bench_kinect::{
     Frame,
     calibrate::{Place, read_places},
     fakenect::Recorder,
-    render::Pose,
+    render::{Pose, scene::Scene},
 };
 use bench_recording::Record;
 use bench_rig::{Calibration, Mission, Rig};
@@ -24,8 +24,8 @@ use crate::{exit::Exit, files, seen, words};
 /// Record frames of the virtual lab in the folder format of libfreenect's recorder
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench record-frames --positions rigs/calibration/places.csv
-  bench record-frames --mission hold-3d --from-s 5 --seconds 8 -o flight/
+  bench record-frames --positions places.csv --bare
+  bench record-frames --mission steps --from-s 5 --seconds 8 -o flight/
 
 With --positions the marker is put where the table says, and each row's frames go to the folder that it
 names, beside the table: what `bench calibrate` reads. With --mission the frames are those of a flight, and
@@ -46,6 +46,9 @@ pub struct Arguments {
     /// Frames at each place
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: u32,
+    /// Leave the room's red distractors out
+    #[arg(long, requires = "positions")]
+    bare: bool,
     /// When to begin in a flight
     #[arg(long, default_value_t = 0.0)]
     from_s: f64,
@@ -92,7 +95,8 @@ fn places(
     calibration: &Calibration,
     places: &[Place],
 ) -> anyhow::Result<Vec<Recorded>> {
-    let mut renderer = seen::renderer(calibration, arguments.seed);
+    let scene = if arguments.bare { Scene::bare() } else { Scene::with_distractors() };
+    let mut renderer = seen::renderer(calibration, &scene, arguments.seed);
     let mut frame = Frame::default();
     let mut recorded = Vec::new();
     for place in places {
@@ -122,6 +126,7 @@ fn flight(
     if !(arguments.from_s >= 0.0 && arguments.seconds > 0.0 && window.end.is_finite()) {
         bail!("--from-s must be 0 or more and --seconds above 0");
     }
+    seen::check_mission(mission)?;
     let mut recorder = Recorder::create(folder, 0.0)?;
     let mut failed = None;
     let mut records: Vec<Record> = Vec::new();

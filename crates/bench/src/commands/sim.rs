@@ -91,11 +91,13 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     }
     // Effects are checked before an output is touched.
     bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
+    let calibration = arguments.frames.then(|| seen::calibration(&rig, &arguments.rig)).transpose()?;
+    if arguments.frames {
+        seen::check_mission(&mission)?;
+    }
+    let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let output = arguments.output.unwrap_or_else(|| files::default_recording(&mission.name, arguments.seed));
     files::make_room(&output, arguments.force)?;
-
-    let calibration = arguments.frames.then(|| seen::calibration(&rig, &arguments.rig)).transpose()?;
-    let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
 
     let mut session = session(&rig, &mission, arguments.seed);
     if arguments.frames {
