@@ -162,10 +162,10 @@ impl Row {
 
 /// The named columns of a CSV file, in this order.
 fn read_table(path: &Path, columns: &[&str]) -> Result<Vec<Row>, KinectError> {
-    let file = File::open(path).map_err(|source| KinectError::File {
+    let file = File::open(path).map_err(|reason| KinectError::File {
         action: "read",
         path: path.to_owned(),
-        source,
+        reason,
     })?;
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(file);
     let wrong = |error: &csv::Error| KinectError::Table {

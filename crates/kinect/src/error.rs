@@ -17,14 +17,14 @@ pub enum KinectError {
         expected: usize,
     },
     /// A file or folder could not be read or written.
-    #[error("cannot {action} {}: {source}", path.display())]
+    #[error("cannot {action} {}: {reason}", path.display())]
     File {
         /// Read, write or make.
         action: &'static str,
         /// Which.
         path: PathBuf,
         /// Why.
-        source: io::Error,
+        reason: io::Error,
     },
     /// A line of a fakenect index, or the file that it names, is not what it should be.
     #[error("{}:{line}: {detail}", path.display())]
@@ -59,11 +59,11 @@ pub enum KinectError {
         String,
     ),
     /// An image could not be encoded.
-    #[error("cannot write the image {}: {source}", path.display())]
+    #[error("cannot write the image {}: {reason}", path.display())]
     Image {
         /// The image file.
         path: PathBuf,
         /// Why.
-        source: png::EncodingError,
+        reason: png::EncodingError,
     },
 }

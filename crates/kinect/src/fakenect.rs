@@ -189,10 +189,10 @@ impl Replay {
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, KinectError> {
         let folder = folder.as_ref().to_owned();
         let path = folder.join(INDEX);
-        let text = fs::read(&path).map_err(|source| KinectError::File {
+        let text = fs::read(&path).map_err(|reason| KinectError::File {
             action: "read",
             path: path.clone(),
-            source,
+            reason,
         })?;
         let entries = parse_index(&path, &String::from_utf8_lossy(&text))?;
         let (pairs, unpaired) = pair(&entries);
@@ -233,7 +233,7 @@ impl Replay {
         };
         let read = |entry: &Entry| {
             let path = self.folder.join(&entry.name);
-            fs::read(&path).map_err(|source| wrong(entry, format!("cannot be read: {source}")))
+            fs::read(&path).map_err(|reason| wrong(entry, format!("cannot be read: {reason}")))
         };
         let frame = &mut self.frame;
         read_colour(&read(colour)?, &mut frame.colour).map_err(|detail| wrong(colour, detail))?;
@@ -295,17 +295,17 @@ impl Recorder {
     /// Makes the folder. `host_s` is the host time at which frames' arrival counts from, s since 1970.
     pub fn create(folder: impl AsRef<Path>, host_s: f64) -> Result<Self, KinectError> {
         let folder = folder.as_ref().to_owned();
-        fs::create_dir_all(&folder).map_err(|source| KinectError::File {
+        fs::create_dir_all(&folder).map_err(|reason| KinectError::File {
             action: "make the folder",
             path: folder.clone(),
-            source,
+            reason,
         })?;
         let path = folder.join(INDEX);
-        let index = File::create_new(&path).map_err(|source| {
-            if source.kind() == std::io::ErrorKind::AlreadyExists {
+        let index = File::create_new(&path).map_err(|reason| {
+            if reason.kind() == std::io::ErrorKind::AlreadyExists {
                 KinectError::Exists { path: folder.clone() }
             } else {
-                KinectError::File { action: "write", path: path.clone(), source }
+                KinectError::File { action: "write", path: path.clone(), reason }
             }
         })?;
         let rgb = vec![0; PIXELS * 3];
@@ -333,22 +333,22 @@ impl Recorder {
 
     fn file(&mut self, name: &str) -> Result<(), KinectError> {
         let path = self.folder.join(name);
-        fs::write(&path, &self.bytes).map_err(|source| KinectError::File {
+        fs::write(&path, &self.bytes).map_err(|reason| KinectError::File {
             action: "write",
             path,
-            source,
+            reason,
         })?;
-        writeln!(self.index, "{name}").map_err(|source| self.index_error(source))
+        writeln!(self.index, "{name}").map_err(|reason| self.index_error(reason))
     }
 
     /// Completes the index; returns how many frames were written.
     pub fn finish(mut self) -> Result<usize, KinectError> {
-        self.index.flush().map_err(|source| self.index_error(source))?;
+        self.index.flush().map_err(|reason| self.index_error(reason))?;
         Ok(self.frames)
     }
 
-    fn index_error(&self, source: std::io::Error) -> KinectError {
-        KinectError::File { action: "write", path: self.folder.join(INDEX), source }
+    fn index_error(&self, reason: std::io::Error) -> KinectError {
+        KinectError::File { action: "write", path: self.folder.join(INDEX), reason }
     }
 }
 

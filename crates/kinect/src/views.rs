@@ -160,10 +160,10 @@ impl Image {
     }
 
     fn save(&self, path: &Path) -> Result<(), KinectError> {
-        let file = File::create(path).map_err(|source| KinectError::File {
+        let file = File::create(path).map_err(|reason| KinectError::File {
             action: "write",
             path: path.to_owned(),
-            source,
+            reason,
         })?;
         let mut encoder = png::Encoder::new(BufWriter::new(file), WIDTH as u32, HEIGHT as u32);
         encoder.set_color(png::ColorType::Rgb);
@@ -173,7 +173,7 @@ impl Image {
                 writer.write_image_data(&self.0)?;
                 writer.finish()
             })
-            .map_err(|source| KinectError::Image { path: path.to_owned(), source })
+            .map_err(|reason| KinectError::Image { path: path.to_owned(), reason })
     }
 }
 
