@@ -1,4 +1,4 @@
-use std::fs;
+use std::{fmt::Write as _, fs};
 
 use crate::support::{Scratch, bench, json, refused, root, stdout};
 
@@ -48,7 +48,7 @@ fn frames_are_recorded_tracked_and_calibrated_from() {
     .into_iter()
     .enumerate()
     {
-        text += &format!("p{number},{x},{y},{z}\n");
+        writeln!(text, "p{number},{x},{y},{z}").unwrap();
     }
     fs::write(&table, text).unwrap();
     let table = table.to_str().unwrap();

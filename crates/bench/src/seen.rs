@@ -1,6 +1,9 @@
 //! The virtual lab as a Kinect sees it: joins the plant's exposures, the renderer and the tracker.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{anyhow, bail};
 use bench_device::{PositionSource, TrackStatus};
@@ -123,11 +126,12 @@ impl Watch {
         let found = self.frames - self.lost;
         let share = 100.0 * found as f64 / self.frames.max(1) as f64;
         let mut words = format!("  marker in {found} of {} frames ({share:.1} %)", self.frames);
+        // Writing to a String cannot fail.
         if self.ambiguous > 0 {
-            words += &format!(", {} of them doubtful", self.ambiguous);
+            let _ = write!(words, ", {} of them doubtful", self.ambiguous);
         }
         if let Some((folder, _)) = self.views.as_ref().filter(|_| self.images > 0) {
-            words += &format!("; {} views in {}", self.images, folder.display());
+            let _ = write!(words, "; {} views in {}", self.images, folder.display());
         }
         words + "\n"
     }

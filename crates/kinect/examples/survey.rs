@@ -5,6 +5,7 @@
 //! `survey time FOLDER`: seconds a frame of this tracker on dumped frames, one a line.
 
 use std::{
+    fmt::Write as _,
     fs,
     path::{Path, PathBuf},
     time::Instant,
@@ -232,7 +233,7 @@ fn dump(folder: &Path, count: usize) -> Result<(), Box<dyn std::error::Error>> {
             fs::write(folder.join(format!("{made:04}.bayer")), &frame.colour)?;
             fs::write(folder.join(format!("{made:04}.depth")), &packed)?;
             let at = marker_px(&camera, &pose);
-            truth += &format!("{made},{:.3},{:.3}\n", at.x, at.y);
+            writeln!(truth, "{made},{:.3},{:.3}", at.x, at.y)?;
             made += 1;
         }
     }

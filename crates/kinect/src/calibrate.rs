@@ -256,7 +256,7 @@ pub fn calibrate(start: &Calibration, places: Vec<(Place, Seen)>) -> Result<Repo
             place_m: place.measured_m.into(),
         })
         .collect();
-    let fit = Fit::to(points.iter())?;
+    let fit = Fit::to(&points.iter())?;
     let sigma = fit.sigmas()?;
     let calibration = Calibration {
         camera_position_m: fit.position_m.into(),
@@ -268,7 +268,7 @@ pub fn calibrate(start: &Calibration, places: Vec<(Place, Seen)>) -> Result<Repo
     let mut results = Vec::with_capacity(places.len());
     for (left_out, (place, seen)) in places.into_iter().enumerate() {
         let others = points.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, point)| point);
-        let residual_m = Fit::to(others)?.residual(&points[left_out]);
+        let residual_m = Fit::to(&others)?.residual(&points[left_out]);
         results.push(PlaceResult {
             place,
             distance_m: fit.scale * seen.z_m + fit.bias_m,
@@ -325,7 +325,7 @@ struct Fit {
 }
 
 impl Fit {
-    fn to<'a>(points: impl Iterator<Item = &'a Point> + Clone) -> Result<Self, KinectError> {
+    fn to<'a>(points: &(impl Iterator<Item = &'a Point> + Clone)) -> Result<Self, KinectError> {
         let mut fit = Self::kabsch(points.clone());
         for _ in 0..50 {
             let mut normal = SMatrix::<f64, 8, 8>::zeros();
@@ -467,7 +467,7 @@ pub fn latency(
         (cost(value + step_s) + cost((value - step_s).max(0.0)) - 2.0 * cost(value)) / step_s.powi(2);
     let variance_m2 = cost(value) / (3 * track.len()) as f64;
     let sigma = (2.0 * variance_m2 / curvature).sqrt();
-    if !(sigma < 0.05) {
+    if sigma.is_nan() || sigma > 0.05 {
         return Err(KinectError::Calibration(
             "the motion does not tell the latency; move the marker faster, back and forth, for ten seconds"
                 .to_owned(),

@@ -108,7 +108,7 @@ fn parse_line(line: usize, name: &str) -> Result<Entry, String> {
 
 /// Reads a colour file into Bayer.
 pub fn read_colour(file: &[u8], bayer: &mut [u8]) -> Result<(), String> {
-    let data = image_data(file, b"P6", &[255])?;
+    let data = image_data(file, *b"P6", &[255])?;
     let expected = PIXELS * 3;
     if data.len() != expected {
         return Err(format!("holds {} bytes of colour, expected {expected}; was it cut?", data.len()));
@@ -118,7 +118,7 @@ pub fn read_colour(file: &[u8], bayer: &mut [u8]) -> Result<(), String> {
 
 /// Reads a depth file.
 pub fn read_depth(file: &[u8], depth: &mut [u16]) -> Result<(), String> {
-    let data = image_data(file, b"P5", &[65535, 2047])?;
+    let data = image_data(file, *b"P5", &[65535, 2047])?;
     let expected = PIXELS * 2;
     if data.len() != expected || depth.len() != PIXELS {
         return Err(format!("holds {} bytes of depth, expected {expected}; was it cut?", data.len()));
@@ -135,9 +135,9 @@ pub fn read_depth(file: &[u8], depth: &mut [u16]) -> Result<(), String> {
 }
 
 /// What comes after the header of a binary portable image of the right size.
-fn image_data<'a>(file: &'a [u8], magic: &[u8; 2], depths: &[usize]) -> Result<&'a [u8], String> {
-    let rest = file.strip_prefix(magic).ok_or_else(|| {
-        format!("is not a portable image that begins with {}", String::from_utf8_lossy(magic))
+fn image_data<'a>(file: &'a [u8], magic: [u8; 2], depths: &[usize]) -> Result<&'a [u8], String> {
+    let rest = file.strip_prefix(&magic).ok_or_else(|| {
+        format!("is not a portable image that begins with {}", String::from_utf8_lossy(&magic))
     })?;
     let mut numbers = [0; 3];
     let mut at = 0;
@@ -441,7 +441,7 @@ mod tests {
         assert!(read_depth(&whole(7)[..1000], &mut depth).unwrap_err().contains("was it cut"));
         assert!(read_depth(b"P5 320 240 65535\n", &mut depth).unwrap_err().contains("320 x 240"));
         assert!(read_depth(b"P6 640", &mut depth).is_err());
-        let commented = [b"P5\n# by hand\n640 480\n65535\n".as_slice(), &[0; PIXELS * 2]].concat();
+        let commented = [b"P5\n# by hand\n640 480\n65535\n".as_slice(), &vec![0; PIXELS * 2]].concat();
         assert_eq!(read_depth(&commented, &mut depth), Ok(()));
     }
 

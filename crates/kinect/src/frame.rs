@@ -2,7 +2,7 @@
 //!
 //! Colour is 640 x 480 pixels of 8 bits behind a Bayer filter in the order GRBG: even rows hold G R G R ..., odd rows
 //! B G B G .... Depth is 640 x 480 raw disparities of 11 bits, on the wire packed most significant bit first, eight in eleven
-//! bytes. Facts: OpenKinect's protocol documentation.
+//! bytes. Facts: `OpenKinect`'s protocol documentation.
 
 use bench_device::{DeviceError, Time};
 

@@ -1,6 +1,6 @@
 //! A camera that stands elsewhere than believed, found out from recorded frames.
 
-use std::path::Path;
+use std::{fmt::Write as _, path::Path};
 
 use bench_device::Time;
 use bench_kinect::{
@@ -117,7 +117,7 @@ fn recorded_frames_of_places_and_of_a_motion_calibrate_to_5_mm() {
             recorder.write(&frame).unwrap();
         }
         recorder.finish().unwrap();
-        table += &format!("p{number}, {}, {}, {}\n", at[0], at[1], at[2]);
+        writeln!(table, "p{number}, {}, {}, {}", at[0], at[1], at[2]).unwrap();
     }
     let path = folder.path().join("places.csv");
     std::fs::write(&path, table).unwrap();

@@ -440,7 +440,9 @@ impl Exposures {
     pub fn poll(&mut self) -> Option<Exposure> {
         let mut world = self.0.0.borrow_mut();
         let now = world.now;
-        world.camera.exposures.as_mut()?.pop_front_if(|exposure| exposure.arrives_at <= now)
+        let exposures = world.camera.exposures.as_mut()?;
+        let arrived = exposures.front().is_some_and(|exposure| exposure.arrives_at <= now);
+        if arrived { exposures.pop_front() } else { None }
     }
 }
 

@@ -35,7 +35,7 @@ pub struct Calibration {
     pub depth: Depth,
 }
 
-/// A pinhole with radial (k) and tangential (p) distortion (Brown and Conrady, in the order used by OpenCV).
+/// A pinhole with radial (k) and tangential (p) distortion (Brown and Conrady, in the order of `OpenCV`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lens {
     /// Focal length along a row, pixels.

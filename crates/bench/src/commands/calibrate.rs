@@ -35,7 +35,7 @@ pub struct Arguments {
     /// Frames of a moving marker, for the latency
     #[arg(long, value_name = "FOLDER", requires = "reference")]
     moving: Option<PathBuf>,
-    /// The marker's motion as something else measured it: CSV with time_s, x_m, y_m, z_m
+    /// The marker's motion as something else measured it: CSV with a column `time_s` and the place
     #[arg(long, value_name = "CSV", requires = "moving")]
     reference: Option<PathBuf>,
     /// Latency as known otherwise, such as from `bench diagnose`

@@ -31,7 +31,7 @@ With --positions the marker is put where the table says, and each row's frames g
 names, beside the table: what `bench calibrate` reads. With --mission the frames are those of a flight, and
 reference.csv has the marker's true way. A second of frames takes 46 MB.")]
 pub struct Arguments {
-    /// Table of places: CSV with folder, x_m, y_m, z_m of the marker's centre
+    /// Table of places: CSV with a column `folder` and the marker's centre
     #[arg(long, value_name = "CSV", required_unless_present = "mission", conflicts_with = "mission")]
     positions: Option<PathBuf>,
     /// Mission to fly

@@ -62,7 +62,7 @@ impl Pose {
 pub struct Settings {
     /// Exposure of a row of the colour image, s. Fixed, as a colour tracker wants it.
     pub exposure_s: f64,
-    /// The depth image's middle against the colour image's, s (the streams are within 2 ms of one another, OpenKinect).
+    /// The depth image's middle against the colour image's, s (the streams are within 2 ms of one another, `OpenKinect`).
     pub depth_lag_s: f64,
     /// Grey levels of a white surface that sends all light back.
     pub full_scale: f64,
@@ -122,7 +122,7 @@ pub struct Renderer {
     line: noise::Line,
     shared: Vec<i16>,
     holes: Vec<bool>,
-    jitter: Vec<i32>,
+    jitter: Vec<isize>,
     coverage: raster::Coverage,
     rng: ChaCha8Rng,
     deviations: Vec<u8>,
@@ -151,7 +151,8 @@ impl Renderer {
         let full = settings.full_scale as f32;
         let grey: Vec<i16> =
             background.colour.iter().map(|share| ((share * full).min(255.0) * GREY) as i16).collect();
-        let deviation: Vec<u8> = grey.iter().map(|grey| deviations[(*grey as f32 / GREY) as usize]).collect();
+        let deviation: Vec<u8> =
+            grey.iter().map(|grey| deviations[(f32::from(*grey) / GREY) as usize]).collect();
         let mut disparity = vec![NONE; STRIDE * (HEIGHT + 2 * MARGIN)];
         for (place, out) in disparity.iter_mut().enumerate() {
             let x = (place % STRIDE).saturating_sub(MARGIN).min(WIDTH - 1);
@@ -168,9 +169,9 @@ impl Renderer {
         let edge = if settings.holes > 0.0 { noise::quantile(&patches, settings.holes) } else { f32::MIN };
         let mut offset = || {
             let far = MARGIN as f64 / 2.0;
-            (noise::normal(&mut rng) * settings.lateral_jitter_px).clamp(-far, far).round() as i32
+            (noise::normal(&mut rng) * settings.lateral_jitter_px).clamp(-far, far).round() as isize
         };
-        let jitter = (0..JITTERS + WIDTH).map(|_| offset() * STRIDE as i32 + offset()).collect();
+        let jitter = (0..JITTERS + WIDTH).map(|_| offset() * STRIDE.cast_signed() + offset()).collect();
         let normal = camera.rotation() * Vector3::z();
         let lit = |albedo| scene.radiance(albedo, &normal).map(|share| share as f32 * full);
         Self {
@@ -322,11 +323,11 @@ impl Renderer {
             let holes = &self.holes[(y + at[1]) % noise::SIDE * noise::SIDE..][..noise::SIDE];
             let begin = (y + MARGIN) * STRIDE + MARGIN;
             for (x, (out, jitter)) in out.iter_mut().zip(jitter).enumerate() {
-                let mean = self.disparity[(begin + x).wrapping_add_signed(*jitter as isize)];
+                let mean = self.disparity[(begin + x).wrapping_add_signed(*jitter)];
                 let noise = shared[(x + at[2]) % noise::SIDE];
                 let hole = holes[(x + at[3]) % noise::SIDE];
                 let raw = ((i32::from(mean) + i32::from(noise) + 8) >> 4).clamp(0, 2046) as u16;
-                *out = if hole | (mean == NONE) { NO_READING } else { raw };
+                *out = if hole || mean == NONE { NO_READING } else { raw };
             }
             out[blind..].fill(NO_READING);
         }

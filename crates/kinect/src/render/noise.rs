@@ -42,7 +42,9 @@ pub(super) fn field(rng: &mut ChaCha8Rng, reach: usize) -> Vec<f32> {
         }
     }
     let scale = 1.0 / (2 * reach + 1) as f32;
-    values.iter_mut().for_each(|value| *value *= scale);
+    for value in &mut values {
+        *value *= scale;
+    }
     values
 }
 

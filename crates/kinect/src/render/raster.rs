@@ -277,8 +277,8 @@ impl Coverage {
         let height = self.values.len() / width;
         for row in self.values.chunks_exact_mut(width) {
             self.row.copy_from_slice(row);
-            for x in 1..width.saturating_sub(1) {
-                row[x] = 0.25 * (self.row[x - 1] + self.row[x + 1]) + 0.5 * self.row[x];
+            for (out, around) in row.iter_mut().skip(1).zip(self.row.windows(3)) {
+                *out = 0.25 * (around[0] + around[2]) + 0.5 * around[1];
             }
         }
         for x in 0..width {

@@ -8,6 +8,8 @@ pub const QUADS_HIGH: usize = HEIGHT / 2;
 
 /// One row of quads: 1 where red. The test needs no hue: `R >= 70`, `10 R >= 17 G`, `10 R >= 17 B`, with the mean of the
 /// two greens.
+// Lazy operators would branch; this is a loop over lanes.
+#[expect(clippy::needless_bitwise_bool)]
 pub fn red_row(even: &[u8; WIDTH], odd: &[u8; WIDTH], red: &mut [u8; QUADS_WIDE]) {
     let pairs = even.as_chunks::<2>().0.iter().zip(odd.as_chunks::<2>().0);
     for (red, ([green0, r], [b, green1])) in red.iter_mut().zip(pairs) {

@@ -149,8 +149,8 @@ pub(super) fn judge(
 /// Whether pixels that were lost touch the blob.
 fn torn(blob: &Blob, frame: &Frame) -> bool {
     !frame.colour_valid.is_whole()
-        && (2 * blob.y0 - 1..2 * blob.y1 + 1)
-            .any(|y| (2 * blob.x0 - 1..2 * blob.x1 + 1).any(|x| !frame.colour_valid.received(y * WIDTH + x)))
+        && (2 * blob.y0 - 1..=2 * blob.y1)
+            .any(|y| (2 * blob.x0 - 1..=2 * blob.x1).any(|x| !frame.colour_valid.received(y * WIDTH + x)))
 }
 
 /// Mean raw disparity of what the colour camera sees along a ray, by registration: a depth pixel belongs to the ray if its own

@@ -63,7 +63,7 @@ fn redness(bayer: &[u8], x: usize, y: usize) -> f32 {
     match filter(x, y) {
         0 => value(at) - 0.125 * (across + along) - 0.125 * corners(),
         2 => 0.25 * corners() - 0.125 * (across + along) - 0.5 * value(at),
-        _ if y % 2 == 0 => 0.5 * across - 0.5 * value(at) - 0.25 * along,
+        _ if y.is_multiple_of(2) => 0.5 * across - 0.5 * value(at) - 0.25 * along,
         _ => 0.5 * along - 0.5 * value(at) - 0.25 * across,
     }
 }
