@@ -146,13 +146,6 @@ fn accuracy() -> serde_json::Value {
                 }
                 clear += 1;
                 if sighting.status == TrackStatus::Lost {
-                    if std::env::var_os("SURVEY_LOST").is_some() {
-                        eprintln!(
-                            "lost at {distance_m} m, {:?}, {:?}",
-                            marker_px(&camera, &pose),
-                            tracker.candidates()
-                        );
-                    }
                     continue;
                 }
                 ambiguous += usize::from(sighting.status == TrackStatus::Ambiguous);
@@ -200,12 +193,6 @@ fn clutter() -> serde_json::Value {
             candidates += tracker.candidates().len();
             if sighting.status != TrackStatus::Lost {
                 false_finds += 1;
-                if std::env::var_os("SURVEY_LOST").is_some() {
-                    eprintln!(
-                        "room {room}: {sighting:?} {:?}",
-                        tracker.candidates().iter().find(|c| c.chosen)
-                    );
-                }
             }
             for candidate in tracker.candidates() {
                 *reasons.entry(format!("{:?}", candidate.rejection)).or_insert(0) += 1;

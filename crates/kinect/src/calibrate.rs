@@ -119,7 +119,7 @@ pub fn read_places(path: &Path) -> Result<Vec<Place>, KinectError> {
         .collect()
 }
 
-/// A measured motion: host time [s] and place [m], times rising.
+/// A measured motion: host time in seconds and place in metres, times rising.
 pub type Reference = Vec<(f64, [f64; 3])>;
 
 /// Reads a motion from CSV with the columns `time_s` (the host's clock, as in the names of recorded frames), `x_m`, `y_m`, `z_m`.
