@@ -4,6 +4,7 @@ mod blind;
 mod compare;
 mod diagnose;
 mod figures;
+mod frames;
 mod hil;
 mod import;
 mod record;

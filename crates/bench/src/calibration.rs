@@ -79,7 +79,8 @@ pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Cali
     }
     let flown = missions.or_usual()?;
     let bar = ProgressBar::new(sets as u64).with_style(
-        ProgressStyle::with_template("calibrating {bar:40} {pos}/{len} sets, {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar()),
+        ProgressStyle::with_template("calibrating {bar:40} {pos}/{len} sets, {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar()),
     );
     let built_in = Calibration::built_in();
     let margins = (0..sets as u64)

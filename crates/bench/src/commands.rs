@@ -1,6 +1,7 @@
 //! One module a command.
 
 pub mod blind;
+pub mod calibrate;
 pub mod devices;
 pub mod diagnose;
 pub mod diff;
@@ -10,5 +11,7 @@ pub mod export;
 pub mod hil;
 pub mod import;
 pub mod info;
+pub mod record_frames;
 pub mod recover;
 pub mod sim;
+pub mod track;

@@ -7,7 +7,7 @@ use bench_rig::{Mission, Rig};
 use bench_run::{Check, Ending, Flown};
 use serde_json::json;
 
-use crate::{exit::Exit, words};
+use crate::{exit::Exit, seen::Watch, words};
 
 /// A flight as told to a person or a program.
 pub struct Flight<'a> {
@@ -16,6 +16,8 @@ pub struct Flight<'a> {
     pub seed: u64,
     pub flown: &'a Flown,
     pub checks: &'a [Check],
+    /// What became of the frames, if there were any.
+    pub watch: Option<&'a Watch>,
 }
 
 impl Flight<'_> {
@@ -64,6 +66,9 @@ impl Flight<'_> {
                 _ => 0,
             };
             let _ = writeln!(out, "{}", format!("  {name:<18} {value:>8.digits$} {unit}").trim_end());
+        }
+        if let Some(watch) = self.watch {
+            out += &watch.in_words();
         }
         match &self.flown.ending {
             Ending::Complete => {}
@@ -119,6 +124,7 @@ impl Flight<'_> {
                     .map(|(key, value, _)| (key.clone(), json!(value)))
                     .collect::<serde_json::Map<_, _>>(),
             })).collect::<Vec<_>>(),
+            "tracking": self.watch.map(Watch::as_json),
             "ending": ending,
             "reason": reason,
             "passed": self.exit() == Exit::Done,

@@ -8,6 +8,7 @@ mod commands;
 mod exit;
 mod files;
 mod flight;
+mod seen;
 mod words;
 
 use clap::{Parser, Subcommand};
@@ -46,6 +47,9 @@ enum Command {
     Diff(commands::diff::Arguments),
     Blind(commands::blind::Arguments),
     Diagnose(commands::diagnose::Arguments),
+    RecordFrames(commands::record_frames::Arguments),
+    Track(commands::track::Arguments),
+    Calibrate(commands::calibrate::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -62,6 +66,9 @@ fn main() -> std::process::ExitCode {
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
+        Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
+        Command::Track(arguments) => commands::track::run(&arguments),
+        Command::Calibrate(arguments) => commands::calibrate::run(&arguments),
     };
     match outcome {
         Ok(exit) => exit.into(),

@@ -26,17 +26,21 @@ pub(crate) struct Estimator {
 
 /// Two windows of 1 s, the longest, at 100 Hz; faster trackers get shorter windows.
 const CAPACITY: usize = 200;
+/// Samples closer than this are not two frames of any tracker but two that waited for one another; a slope between them would
+/// be noise over nothing.
+const MIN_SPACING_S: f64 = 0.001;
 
 impl Estimator {
     pub(crate) fn new(extrapolation_s: f64, window_s: f64) -> Self {
         Self { extrapolation_s, window_s, samples: Vec::with_capacity(CAPACITY), heading_rad: 0.0 }
     }
 
-    /// Takes a sample; those that are not valid or not newer than the last are passed over.
+    /// Takes a sample; those that are not valid, or not newer than the last by a millisecond, are passed
+    /// over.
     pub(crate) fn observe(&mut self, sample: &PositionSample) {
         let usable = sample.status != TrackStatus::Lost
             && sample.position_m.iter().all(|x| x.is_finite())
-            && self.samples.last().is_none_or(|(last, _)| sample.exposed_at > *last);
+            && self.samples.last().is_none_or(|(last, _)| sample.exposed_at.since_s(*last) >= MIN_SPACING_S);
         if !usable {
             return;
         }
@@ -103,6 +107,15 @@ fn slope(samples: &[(Time, [f64; 3])], axis: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_frames_told_for_one_instant_give_no_velocity() {
+        // Both waited and arrived together; their rows' times differ by microseconds.
+        let mut estimator = Estimator::new(0.4, 0.2);
+        estimator.observe(&sample(1.0, 0.400));
+        estimator.observe(&sample(1.000_01, 0.402));
+        assert_eq!(estimator.estimate().unwrap().velocity_m_s, [0.0; 3]);
+    }
 
     fn sample(t_s: f64, z_m: f64) -> PositionSample {
         PositionSample {

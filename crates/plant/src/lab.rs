@@ -101,6 +101,26 @@ struct Camera {
     rng: ChaCha8Rng,
     exposure_due: Time,
     on_the_way: VecDeque<PositionSample>,
+    /// Where somebody else makes frames and positions of exposures.
+    exposures: Option<VecDeque<Exposure>>,
+}
+
+/// A frame's exposure, for whoever renders what the camera sees. The effects on the tracker have acted on it: they are in the
+/// frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// When, in the middle of the exposure.
+    pub exposed_at: Time,
+    /// When the frame reaches the host.
+    pub arrives_at: Time,
+    /// World frame, m.
+    pub position_m: Vector3<f64>,
+    /// World frame, m/s.
+    pub velocity_m_s: Vector3<f64>,
+    /// Body to world.
+    pub attitude: UnitQuaternion<f64>,
+    /// Body frame, rad/s.
+    pub body_rate_rad_s: Vector3<f64>,
 }
 
 /// Random streams of the lab itself; those of effects begin far above.
@@ -247,7 +267,19 @@ impl World {
         for effect in &mut self.effects.tracker {
             effect.expose(&mut frame);
         }
-        self.camera.take(self.now, frame, heading_rad(&self.body.attitude()));
+        if self.camera.exposures.is_none() {
+            self.camera.take(self.now, frame, heading_rad(&self.body.attitude()));
+        } else {
+            let exposure = Exposure {
+                exposed_at: self.now,
+                arrives_at: self.now.shifted(frame.latency_s),
+                position_m: frame.position_m,
+                velocity_m_s: self.body.velocity_m_s(),
+                attitude: self.body.attitude(),
+                body_rate_rad_s: self.body.body_rate_rad_s(),
+            };
+            self.camera.pass_on(exposure, frame.lost);
+        }
     }
 }
 
@@ -266,6 +298,19 @@ impl Camera {
             rng,
             exposure_due: first_exposure,
             on_the_way: VecDeque::with_capacity(1024),
+            exposures: None,
+        }
+    }
+
+    /// An exposure instead of a position: noise and rounding are left to the frame.
+    fn pass_on(&mut self, mut exposure: Exposure, lost: bool) {
+        self.exposure_due = Time::from_nanos(exposure.exposed_at.nanos() + self.frame_period.nanos());
+        let dropped = self.rng.random::<f64>() < self.dropout_probability;
+        let Some(exposures) = &mut self.exposures else { return };
+        if !(dropped || lost) {
+            let last_arrival = exposures.back().map_or(Time::ZERO, |last| last.arrives_at);
+            exposure.arrives_at = exposure.arrives_at.max(last_arrival);
+            exposures.push_back(exposure);
         }
     }
 
@@ -315,6 +360,12 @@ impl SharedWorld {
     /// Does something to the world. For benches that advance it themselves.
     pub fn with<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
         act(&mut self.0.borrow_mut())
+    }
+
+    /// From now on the tracker gets exposures, which [`Exposures::poll`] hands out, and no positions.
+    pub fn into_exposures(self) -> Exposures {
+        self.0.borrow_mut().camera.exposures = Some(VecDeque::with_capacity(1024));
+        Exposures(self)
     }
 
     /// Hands the records of the truth made since the last call to `take`, oldest first.
@@ -389,6 +440,20 @@ impl VoltageOutput for SimulatedOutput {
         });
         let faults = Faults { clamped: self.clamped, ..Faults::default() };
         Ok(Some(Readback { device_time, sticks, faults }))
+    }
+}
+
+/// Hands out exposures once their frames have arrived.
+pub struct Exposures(SharedWorld);
+
+impl Exposures {
+    /// The next exposure whose frame has arrived and was not yet returned, oldest first.
+    pub fn poll(&mut self) -> Option<Exposure> {
+        let mut world = self.0.0.borrow_mut();
+        let now = world.now;
+        let exposures = world.camera.exposures.as_mut()?;
+        let arrived = exposures.front().is_some_and(|exposure| exposure.arrives_at <= now);
+        if arrived { exposures.pop_front() } else { None }
     }
 }
 

@@ -7,6 +7,7 @@
 //! [`Rig::to_toml`] gives back a file that reads to the same rig.
 
 mod airframe;
+mod calibration;
 mod control_state;
 mod error;
 mod mission;
@@ -16,6 +17,7 @@ mod uncertain;
 pub mod visit;
 
 pub use airframe::{Actuation, Airframe, GroundEffect, Stabiliser, StickRange, Thrust};
+pub use calibration::{Calibration, Depth, Lens};
 pub use control_state::ControlState;
 pub use error::{Location, Problem, RigError};
 pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};

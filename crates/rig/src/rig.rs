@@ -4,7 +4,7 @@ use std::{
 };
 
 use crate::{
-    Airframe, Location, Problem, RigError, StickRange, Uncertain,
+    Airframe, Calibration, Location, Problem, RigError, StickRange, Uncertain,
     visit::{self, Node, Range, Reader, Value, Visitor, Writer},
 };
 
@@ -29,6 +29,8 @@ pub struct Rig {
     pub control: Control,
     /// When to stop.
     pub safety: Safety,
+    /// How the camera sees, where frames are looked at.
+    pub calibration: Option<Calibration>,
     /// Effects added to the nominal model, in the order of the file.
     pub effects: Vec<EffectEntry>,
 }
@@ -173,7 +175,8 @@ impl Rig {
     /// Reads a rig from text; `file` serves messages and finds the airframe file beside it.
     pub fn read(file: &Path, text: &str) -> Result<Self, RigError> {
         let root = visit::parse(file, text)?;
-        let airframe_file = airframe_file(file, &root)?;
+        let airframe_file = named_file(file, &root, "airframe")?;
+        let calibration_file = named_file(file, &root, "calibration")?;
         let mut rig = Self::default();
         let mut problems = Vec::new();
         Reader::read(file, "", &root, &mut problems, |reader| {
@@ -184,6 +187,13 @@ impl Rig {
                 Some(_) => _ = reader.get("airframe"),
                 None => reader.table("airframe", |reader| rig.airframe.visit(reader)),
             }
+            if reader.has("calibration") {
+                let calibration = rig.calibration.insert(Calibration::default());
+                match &calibration_file {
+                    Some(_) => _ = reader.get("calibration"),
+                    None => reader.table("calibration", |reader| calibration.visit(reader)),
+                }
+            }
             if reader.is_sound() {
                 for (key, detail) in rig.contradictions() {
                     reader.contradiction(key, detail);
@@ -192,6 +202,16 @@ impl Rig {
         });
         if let Some((path, node)) = &airframe_file {
             Reader::read(path, "", node, &mut problems, |reader| rig.airframe.visit(reader));
+        }
+        if let (Some((path, node)), Some(calibration)) = (&calibration_file, &mut rig.calibration) {
+            Reader::read(path, "", node, &mut problems, |reader| calibration.visit(reader));
+        }
+        if problems.is_empty()
+            && let Some(detail) = rig.latency_contradiction()
+        {
+            let file = calibration_file.as_ref().map_or(file, |(path, _)| path).to_owned();
+            let at = Location { file, line: 1 };
+            problems.push(Problem::Contradiction { at, key: "latency_s".to_owned(), detail });
         }
         if problems.is_empty() {
             let at = match &airframe_file {
@@ -215,6 +235,9 @@ impl Rig {
         let mut rig = self.clone();
         rig.visit(&mut writer);
         writer.table("airframe", |writer| rig.airframe.visit(writer));
+        if let Some(calibration) = &mut rig.calibration {
+            writer.table("calibration", |writer| calibration.visit(writer));
+        }
         for effect in &self.effects {
             writer.element("effect");
             writer.text("name", &mut effect.name.clone());
@@ -281,6 +304,13 @@ impl Rig {
         });
     }
 
+    fn latency_contradiction(&self) -> Option<String> {
+        let (measured, stated) = (self.calibration.as_ref()?.latency_s?, self.tracker.latency_s.value);
+        ((measured - stated).abs() > 1e-6).then(|| {
+            format!("the calibration measured {measured} s, but the rig's [tracker] has {stated} s; write the measured one there")
+        })
+    }
+
     fn contradictions(&self) -> Vec<(&'static str, String)> {
         let mut found = Vec::new();
         if self.plant.step_s > self.control_loop.period_s {
@@ -293,16 +323,16 @@ impl Rig {
     }
 }
 
-/// The file named by `airframe = "..."`, parsed; `None` when the airframe is a table of the rig itself.
-fn airframe_file(rig_file: &Path, root: &Node) -> Result<Option<(PathBuf, Node)>, RigError> {
+/// The file named by `key = "..."`, parsed; `None` when it is a table of the rig itself, or absent.
+fn named_file(rig_file: &Path, root: &Node, key: &str) -> Result<Option<(PathBuf, Node)>, RigError> {
     let Value::Table(entries) = &root.value else { return Ok(None) };
-    let Some((_, node)) = entries.iter().find(|(key, _)| key == "airframe") else { return Ok(None) };
+    let Some((_, node)) = entries.iter().find(|(name, _)| name == key) else { return Ok(None) };
     let Value::Text(name) = &node.value else { return Ok(None) };
     let path = rig_file.parent().unwrap_or(Path::new("")).join(name);
     let text = fs::read_to_string(&path).map_err(|source| {
         RigError::Invalid(vec![Problem::Contradiction {
             at: Location { file: rig_file.to_owned(), line: node.line },
-            key: "airframe".to_owned(),
+            key: key.to_owned(),
             detail: format!(
                 "cannot read {}: {source}; the path is taken from the rig file's folder",
                 path.display()

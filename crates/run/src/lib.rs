@@ -7,6 +7,7 @@
 //! [`fly`] drives any three ends through the traits of `bench_device`; [`simulate`] drives the virtual lab in lockstep, [`Loopback`]
 //! puts it behind a real output in real time. [`WallClock`] and [`Granted`] are what a loop in real time needs of the system, and
 //! [`fly_guarded`] what it needs around it.
+//! [`simulate_seen`] drives the virtual lab with a tracker that looks at frames.
 //! What a flight achieved is a [`Summary`], computed the same way for every bench from what the tracker saw.
 
 mod fly;
@@ -23,6 +24,6 @@ pub use guarded::{await_marker, fly_guarded};
 pub use loopback::{Loopback, LoopbackOutput, LoopbackTracker, drain_truth};
 pub use real_time::{Granted, WallClock};
 pub use safety::StopReason;
-pub use simulate::{SimulationError, simulate};
+pub use simulate::{SimulationError, simulate, simulate_seen};
 pub use sink::Sink;
 pub use summary::{Check, Percentiles, Summary, Timing, check};

@@ -1,6 +1,7 @@
+use bench_device::PositionSource;
 use bench_plant::{
     effects::EffectError,
-    lab::{Lab, TrueState},
+    lab::{Exposures, Lab, TrueState},
 };
 use bench_recording::{Record, Truth};
 use bench_rig::{Mission, Rig};
@@ -20,6 +21,25 @@ pub fn simulate(
     mut each: impl FnMut(&Progress) -> bool,
 ) -> Result<Flown, SimulationError> {
     let Lab { mut clock, mut output, mut tracker, world } = Lab::new(rig, seed)?;
+    let ends = (&mut clock, &mut output, &mut tracker);
+    Ok(fly(ends, rig, mission, sink, |progress, sink| {
+        world.drain_truth(|state| sink.take(Record::Truth(truth(&state))));
+        each(progress)
+    }))
+}
+
+/// The same with positions that somebody makes of the camera's exposures, such as by rendering frames and tracking the marker
+/// in them. `see` gets the exposures and gives the position source.
+pub fn simulate_seen<P: PositionSource>(
+    rig: &Rig,
+    mission: &Mission,
+    seed: u64,
+    see: impl FnOnce(Exposures) -> P,
+    sink: &mut impl Sink,
+    mut each: impl FnMut(&Progress) -> bool,
+) -> Result<Flown, SimulationError> {
+    let Lab { mut clock, mut output, world, .. } = Lab::new(rig, seed)?;
+    let mut tracker = see(world.clone().into_exposures());
     let ends = (&mut clock, &mut output, &mut tracker);
     Ok(fly(ends, rig, mission, sink, |progress, sink| {
         world.drain_truth(|state| sink.take(Record::Truth(truth(&state))));

@@ -8,11 +8,17 @@ use anyhow::Context;
 use bench_plant::effects::parse_effect;
 use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Mission, Model, Rig};
-use bench_run::{check, simulate};
+use bench_run::{Progress, check, simulate, simulate_seen};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{exit::Exit, files, flight::Flight, words};
+use crate::{
+    exit::Exit,
+    files,
+    flight::Flight,
+    seen::{self, Watch},
+    words,
+};
 
 /// Fly a mission in the virtual lab, as fast as it goes, and record it
 #[derive(Args)]
@@ -20,6 +26,7 @@ use crate::{exit::Exit, files, flight::Flight, words};
   bench sim
   bench sim --mission hold-3d --seed 7 -o hold.mcap --export hold.xlsx
   bench sim --mission hop --effect battery-load:sag=0.05,recovery_s=0.5 --json
+  bench sim --frames --views views/
 
 The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
 mission's criteria were missed, 4 that a safety limit stopped the flight.")]
@@ -39,6 +46,15 @@ pub struct Arguments {
     /// Equations of the airframe, instead of the rig's
     #[arg(long)]
     model: Option<ModelChoice>,
+    /// Render what a Kinect sees, and fly by what the tracker finds in the frames
+    #[arg(long)]
+    frames: bool,
+    /// Draw the three views of frames into this folder as PNG
+    #[arg(long, value_name = "FOLDER", requires = "frames")]
+    views: Option<PathBuf>,
+    /// Draw the first of every so many frames
+    #[arg(long, default_value_t = 15, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..))]
+    views_every: u64,
     /// Recording to write [default: recordings/MISSION-SEED.mcap]
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -74,29 +90,51 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     }
     // Effects are checked before an output is touched.
     bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
+    let calibration = arguments.frames.then(|| seen::calibration(&rig, &arguments.rig)).transpose()?;
+    if arguments.frames {
+        seen::check_mission(&mission)?;
+    }
+    let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let output = arguments.output.unwrap_or_else(|| files::default_recording(&mission.name, arguments.seed));
     files::make_room(&output, arguments.force)?;
 
-    let mut recorder =
-        Recorder::create(&output, &session(&rig, &mission, arguments.seed), Options::SIMULATION)?;
+    let mut session = session(&rig, &mission, arguments.seed);
+    if arguments.frames {
+        session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
+    }
+    let mut recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
     let bar = progress_bar(mission.duration_s());
     let began = Instant::now();
     let mut iterations = 0_u32;
-    let flown = simulate(&rig, &mission, arguments.seed, &mut recorder, |progress| {
+    let each = |progress: &Progress| {
         iterations += 1;
         if iterations.is_multiple_of(50) {
             bar.set_position(progress.now.nanos() / 1_000_000);
             bar.set_message(format!("{} at {:.2} m", progress.phase, progress.altitude_m));
         }
         true
-    })?;
+    };
+    let flown = match calibration {
+        None => simulate(&rig, &mission, arguments.seed, &mut recorder, each)?,
+        Some(calibration) => {
+            let look = |frame: &_, tracker: &_, sighting: &_| watch.see(frame, tracker, sighting);
+            let see = |exposures| seen::tracker(exposures, calibration, &rig, arguments.seed, look);
+            simulate_seen(&rig, &mission, arguments.seed, see, &mut recorder, each)?
+        }
+    };
     let finished = recorder.finish();
     let took = began.elapsed();
     bar.finish_and_clear();
 
     let checks = check(&mission.criteria, &flown.summary);
-    let flight =
-        Flight { rig: &rig, mission: &mission, seed: arguments.seed, flown: &flown, checks: &checks };
+    let flight = Flight {
+        rig: &rig,
+        mission: &mission,
+        seed: arguments.seed,
+        flown: &flown,
+        checks: &checks,
+        watch: arguments.frames.then_some(&watch),
+    };
     if arguments.json {
         words::print_json(&flight.as_json("bench.sim/1", &finished))?;
     } else {
@@ -111,6 +149,10 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     }
     if let Err(error) = finished {
         eprintln!("error: the flight was simulated, but not all of it recorded: {error}");
+        return Ok(Exit::DataLoss);
+    }
+    if let Some(error) = watch.failed() {
+        eprintln!("error: the flight is recorded, but not all views were drawn: {error}");
         return Ok(Exit::DataLoss);
     }
     if let Some(table) = &arguments.export {

@@ -40,7 +40,7 @@ impl<'a> Report<'a> {
 
     fn flight(&self) -> Flight<'_> {
         let Self { rig, mission, seed, flown, ref checks, .. } = *self;
-        Flight { rig, mission, seed, flown, checks }
+        Flight { rig, mission, seed, flown, checks, watch: None }
     }
 
     /// A flight whose outputs nobody saw at zero in the end was no success.

@@ -1,0 +1,106 @@
+use std::{fmt::Write as _, fs};
+
+use crate::support::{Scratch, bench, json, refused, root, stdout};
+
+#[test]
+fn a_flight_by_rendered_frames_passes_repeats_and_is_drawn() {
+    let scratch = Scratch::new();
+    let (out, views) = (scratch.name("f.mcap"), scratch.name("views"));
+    let arguments = ["sim", "--frames", "--mission", "hop", "--json", "-o", &out];
+    let result = json(&bench(arguments).args(["--views", &views, "--views-every", "100"]).assert().success());
+    assert_eq!(result["passed"], true, "{result}");
+    let (frames, found) =
+        (result["tracking"]["frames"].as_u64().unwrap(), result["tracking"]["found"].as_u64().unwrap());
+    // All but the first, which is not believed, and 0.5 % (the goal for clear frames).
+    assert!(found + 1 + frames / 200 >= frames, "{found} of {frames}");
+    let mut drawn: Vec<_> = fs::read_dir(&views)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    drawn.sort();
+    assert_eq!(drawn[..3], ["frame-000000-depth.png", "frame-000000-full.png", "frame-000000-red.png"]);
+    assert_eq!(drawn.len() as u64, 3 * frames.div_ceil(100));
+
+    let first = fs::read(&out).unwrap();
+    bench(arguments).assert().success();
+    assert!(first == fs::read(&out).unwrap(), "two runs differ");
+    let words = stdout(&bench(["info", &out]).assert().success());
+    assert!(words.contains("rendered frames"), "{words}");
+    // Rendered and positions-only flights differ, and diff says so.
+    let plain = scratch.fly("plain.mcap", &["--mission", "hop"]);
+    bench(["diff", &plain, &out]).assert().code(1);
+}
+
+#[test]
+fn frames_are_recorded_tracked_and_calibrated_from() {
+    let scratch = Scratch::new();
+    let table = scratch.path("places.csv");
+    let mut text = String::from("folder,x_m,y_m,z_m\n");
+    for (number, (x, y, z)) in [
+        (-0.9, -0.2, 0.4),
+        (-0.8, 0.2, 0.8),
+        (-0.2, 0.4, 0.3),
+        (0.0, -0.5, 0.9),
+        (0.5, 0.5, 1.0),
+        (0.6, -0.4, 0.3),
+        (0.9, 0.0, 0.6),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        writeln!(text, "p{number},{x},{y},{z}").unwrap();
+    }
+    fs::write(&table, text).unwrap();
+    let table = table.to_str().unwrap();
+    let recorded = json(
+        &bench(["record-frames", "--positions", table, "--bare", "--frames", "7", "--json"])
+            .assert()
+            .success(),
+    );
+    assert_eq!(recorded["folders"].as_array().unwrap().len(), 7);
+    let tracked = json(&bench(["track", &scratch.name("p3"), "--json"]).assert().success());
+    assert_eq!(tracked["tracking"]["found"], 6, "{tracked}");
+    assert_eq!(tracked["positions"][0]["status"], "lost");
+    let y = tracked["positions"][6]["position_m"][1].as_f64().unwrap();
+    assert!((y + 0.5).abs() < 0.005, "{y}");
+
+    let (out, rig) = (scratch.name("k.toml"), scratch.path("rig.toml"));
+    let result =
+        json(&bench(["calibrate", table, "-o", &out, "--latency-s", "0.3", "--json"]).assert().success());
+    assert_eq!(result["met"], true, "{result}");
+    // The rig names the file, above its tables.
+    let text = fs::read_to_string(root().join("rigs/virtual.toml")).unwrap();
+    let airframe = root().join("rigs/airframes/hubsan-q4.toml");
+    let text = text
+        .split("\n[calibration]")
+        .next()
+        .unwrap()
+        .replace("airframes/hubsan-q4.toml", airframe.to_str().unwrap());
+    let with_file = text.replacen("name = \"virtual\"", "name = \"virtual\"\ncalibration = \"k.toml\"", 1);
+    fs::write(&rig, &with_file).unwrap();
+    let rig = rig.to_str().unwrap();
+    bench(["track", &scratch.name("p3"), "--rig", rig]).assert().success();
+
+    fs::write(rig, with_file.replace("value = 0.3,", "value = 0.25,")).unwrap();
+    let words = refused(bench(["track", &scratch.name("p3"), "--rig", rig]), 2);
+    assert!(words.contains("k.toml:1") && words.contains("measured 0.3 s"), "{words}");
+    fs::write(rig, text).unwrap();
+    let words = refused(bench(["track", &scratch.name("p3"), "--rig", rig]), 2);
+    assert!(words.contains("has no calibration"), "{words}");
+}
+
+#[test]
+fn wrong_frames_are_refused_with_what_to_do() {
+    let scratch = Scratch::new();
+    let words = refused(bench(["sim", "--frames", "--mission", "hold-3d", "-o", &scratch.name("x.mcap")]), 2);
+    assert!(words.contains("turns the heading"), "{words}");
+    assert!(!scratch.path("x.mcap").exists());
+    let words = refused(bench(["track", &scratch.name("none")]), 2);
+    assert!(words.contains("INDEX.txt"), "{words}");
+    fs::write(scratch.path("INDEX.txt"), "r-1.0-1.ppm\nd-1.0-2.pgm\n").unwrap();
+    let words = refused(bench(["track", &scratch.name("")]), 2);
+    assert!(words.contains("INDEX.txt:1: r-1.0-1.ppm cannot be read"), "{words}");
+    fs::write(scratch.path("few.csv"), "folder,x_m,y_m,z_m\n").unwrap();
+    let words = refused(bench(["calibrate", &scratch.name("few.csv"), "-o", &scratch.name("k.toml")]), 2);
+    assert!(words.contains("at least 6"), "{words}");
+}
