@@ -16,6 +16,9 @@ const MOST_MOVED: f64 = 4.0;
 pub struct Calibration {
     /// Evidence counts divided by this.
     pub temperature: f64,
+    /// Share of belief that does not follow the evidence so far: where a law outside of the library, or another form of one
+    /// in it, misleads, it does so by any number of nats.
+    pub doubt: f64,
     /// Natural logarithm of the weight of `none`.
     pub ln_prior_none: f64,
     /// The same of each single effect.
@@ -37,16 +40,18 @@ impl Default for Calibration {
 }
 
 impl Calibration {
-    /// What is used where a rig has none of its own.
+    /// What is used where a rig has none of its own: learnt on 270 cases of the blind check's generator (seeds 2001 and
+    /// 3001, without the kinds that it reserves), half of them as a log that holds the newest frame.
     pub fn built_in() -> Self {
         Self {
-            temperature: 2.0,
-            ln_prior_none: 0.3_f64.ln(),
-            ln_prior_single: (0.45_f64 / 26.0).ln(),
-            ln_prior_pair: (0.15_f64 / 325.0).ln(),
-            ln_prior_unknown: 0.1_f64.ln(),
+            temperature: 3.0,
+            doubt: 0.15,
+            ln_prior_none: 0.0,
+            ln_prior_single: -2.4,
+            ln_prior_pair: -5.0,
+            ln_prior_unknown: 0.1,
             source: "built in".to_owned(),
-            cases: 0,
+            cases: 270,
         }
     }
 

@@ -19,6 +19,8 @@ const FORGIVEN_NATS: f64 = 15.0;
 const FORGIVEN_SHARE: f64 = 0.08;
 /// The same of a random effect that comes second: it takes in whatever a law leaves.
 const RANDOM_SHARE: f64 = 0.25;
+/// In doubt, evidence counts so many times less.
+const DOUBTFUL: f64 = 10.0;
 /// Hypotheses whose forms are looked at: those that others cannot overtake by form are left out.
 const FORMS_WEIGHED: usize = 6;
 /// A form may add this share of what its effect gains itself, and such a share of what is seen along its quantities.
@@ -75,17 +77,26 @@ impl Weighed {
         let best = &hypotheses[0];
         let left = unexplained(best, &search.fits[best.fit], &on_null, direct);
         let unknown_gain = best.gain + left;
-        let weights: Vec<f64> = hypotheses.iter().map(weight).collect();
-        let unknown = calibration.ln_prior_unknown + unknown_gain / calibration.temperature;
-        let highest = weights.iter().copied().fold(unknown, f64::max);
-        let total = weights.iter().map(|w| (w - highest).exp()).sum::<f64>() + (unknown - highest).exp();
-        Self {
-            probabilities: weights.iter().map(|w| (w - highest).exp() / total).collect(),
-            unknown_gain,
-            unknown: (unknown - highest).exp() / total,
-            hypotheses,
-            on_null,
-        }
+        let posterior = |temperature: f64| {
+            let at = |prior: f64, gain: f64| prior + gain / temperature;
+            let mut weights: Vec<f64> = hypotheses
+                .iter()
+                .map(|h| at(calibration.ln_prior(&h.effects), h.gain - h.forgiven))
+                .collect();
+            weights.push(at(calibration.ln_prior_unknown, unknown_gain));
+            let highest = weights.iter().copied().fold(f64::MIN, f64::max);
+            let total: f64 = weights.iter().map(|w| (w - highest).exp()).sum();
+            weights.into_iter().map(|w| (w - highest).exp() / total).collect::<Vec<f64>>()
+        };
+        let doubt = calibration.doubt;
+        let doubted = posterior(DOUBTFUL * calibration.temperature);
+        let mut probabilities: Vec<f64> = posterior(calibration.temperature)
+            .into_iter()
+            .zip(doubted)
+            .map(|(p, q)| (1.0 - doubt) * p + doubt * q)
+            .collect();
+        let unknown = probabilities.pop().unwrap_or(0.0);
+        Self { probabilities, unknown_gain, unknown, hypotheses, on_null }
     }
 }
 
