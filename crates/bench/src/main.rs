@@ -3,6 +3,7 @@
 //! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
 
 mod commands;
+mod diagnosis;
 mod exit;
 mod files;
 mod words;
