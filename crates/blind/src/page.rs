@@ -23,7 +23,7 @@ pub fn page(score: &Score) -> String {
     let mut out = String::new();
     let title = format!("Blind check of {}", score.tool);
     // Writing to a String cannot fail, here and below.
-    let _ = write!(out, "<h1>{}</h1><p class=\"lead\">{}</p>", escaped(&title), escaped(&lead(score)),);
+    let _ = write!(out, "<h1>{}</h1><p class=\"lead\">{}</p>", escaped(&title), escaped(&lead(score)));
     not_answered(&mut out, score);
     tiles(&mut out, score);
     out.push_str("<div class=\"two\">");

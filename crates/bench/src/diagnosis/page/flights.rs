@@ -14,13 +14,14 @@ const ROWS: usize = 30;
 
 pub(super) fn section(out: &mut String, diagnosis: &Diagnosis) {
     heading(out, "Flight by flight", "");
-    let short = short_names(diagnosis.flights.iter().map(|flight| flight.name.as_str()).collect());
+    let names: Vec<&str> = diagnosis.flights.iter().map(|flight| flight.name.as_str()).collect();
+    let short = short_names(&names);
     consistency(out, &diagnosis.gap.flights, &short);
     traces(out, diagnosis, &short);
 }
 
 /// File names where they tell flights apart, else names in full.
-fn short_names(names: Vec<&str>) -> impl Fn(&str) -> String {
+fn short_names(names: &[&str]) -> impl Fn(&str) -> String + use<> {
     let file =
         |name: &str| Path::new(name).file_name().map_or(name.into(), |f| f.to_string_lossy().into_owned());
     let apart = names.iter().map(|name| file(name)).collect::<HashSet<_>>().len() == names.len();
