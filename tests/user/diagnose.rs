@@ -1,25 +1,153 @@
+use std::{fmt::Write as _, fs};
+
 use crate::support::{Scratch, bench, json, refused, stdout};
 
 const VERTICAL: [&str; 2] = ["--model", "vertical"];
 
-#[test]
-fn flights_with_a_planted_effect_are_diagnosed_in_words_and_json() {
-    let scratch = Scratch::new();
-    let flights: Vec<String> = ["hop", "climb-040", "low-hover"]
+/// Flights of three missions, with an effect or without.
+fn flown(scratch: &Scratch, effect: Option<&str>) -> Vec<String> {
+    ["hop", "climb-040", "low-hover"]
         .iter()
         .map(|mission| {
             let out = scratch.name(&format!("{mission}.mcap"));
-            let effect = "tracker-latency:extra_s=0.12";
-            bench(["sim", "-o", &out, "--mission", mission, "--effect", effect])
+            bench(["sim", "-o", &out, "--mission", mission])
                 .args(VERTICAL)
+                .args(effect.iter().flat_map(|effect| ["--effect", effect]))
                 .assert()
                 .code(vec![0, 1, 4]);
             out
         })
-        .collect();
+        .collect()
+}
+
+/// Flights of `rigs/foreign.toml`'s nominal model, on which an acceleration swings that no effect has: 1.2 m/s^2 at
+/// 0.7 Hz, in a phase of its own each flight.
+fn swung(scratch: &Scratch) -> Vec<String> {
+    (1..=3)
+        .map(|flight| {
+            let log = scratch.name(&format!("swing-{flight}.csv"));
+            fs::write(&log, swing(f64::from(flight))).unwrap();
+            let out = scratch.name(&format!("swing-{flight}.mcap"));
+            bench(["import", "--map", "rigs/import/foreign.toml", &log, "-o", &out]).assert().success();
+            out
+        })
+        .collect()
+}
+
+fn swing(flight: f64) -> String {
+    let (mass, gain, offset, drag) = (0.015, 0.1051, 0.5, 0.012);
+    let (frame_s, latency_s, step_s) = (0.033, 0.3, 0.001);
+    let (mut z, mut v, mut throttle) = (0.0_f64, 0.0_f64, 0.0);
+    let mut altitudes: Vec<f64> = Vec::new();
+    let mut log = String::from("time_s,phase,throttle_cmd_v,throttle_readback_v,z_m\n");
+    for k in 0..15_000 {
+        let t = f64::from(k) * step_s;
+        if k % 100 == 0 {
+            let exposed = ((t - latency_s) / frame_s).floor() * frame_s;
+            let seen = if exposed < 0.0 { 0.0 } else { altitudes[(exposed / step_s) as usize] };
+            let idle = t < 1.0;
+            let wanted = offset + mass * (9.81 + 3.0 * (0.5 - z) - 3.0 * v) / gain;
+            // As the output rounds it.
+            throttle = if idle { 0.0 } else { (wanted.clamp(0.0, 3.3) / 3.3 * 255.0).round() / 255.0 * 3.3 };
+            let phase = if idle { "idle" } else { "closed" };
+            writeln!(log, "{t:.4},{phase},{throttle:.4},{throttle:.4},{:.3}", (seen / 0.005).round() * 0.005)
+                .unwrap();
+        }
+        altitudes.push(z);
+        let near = 1.0 + 0.3 * (1.0 - z / 0.05).max(0.0);
+        let pull = if t < 1.0 { 0.0 } else { 1.2 * (4.4 * t + 2.0 * flight).sin() };
+        let a = gain * (throttle - offset).max(0.0) * near / mass - drag * v / mass - 9.81 + pull;
+        v += a * step_s;
+        z += v * step_s;
+        if z < 0.0 {
+            (z, v) = (0.0, 0.0);
+        }
+    }
+    log
+}
+
+/// Writes the page beside the words and checks what every page must be.
+fn page_of(scratch: &Scratch, flights: &[String], rig: &str) -> (String, String) {
+    let file = scratch.name("page.html");
+    let words = stdout(&bench(["diagnose", "--rig", rig, "--html", &file]).args(flights).assert().success());
+    let html = fs::read_to_string(&file).unwrap();
+    for loaded in ["http:", "https:", "src=", "href=", "url(", "@import", "<script", "<link"] {
+        assert!(!html.contains(loaded), "{loaded}");
+    }
+    let number = |word: &str| ["nan", "inf", "infinity"].contains(&word.to_lowercase().as_str());
+    let text = html.rsplit("</style>").next().unwrap();
+    assert!(!text.split(|c: char| !c.is_alphanumeric()).any(number));
+    assert_eq!(unclosed_tags(&html), Vec::<String>::new());
+    assert_eq!(text.matches("<section class=\"card verdict").count(), 1);
+    for part in [
+        "How far the gap shrinks",
+        "Where it lies",
+        "Which effect",
+        "Flight by flight",
+        "bench diagnose --rig",
+    ] {
+        assert!(text.contains(part), "{part}");
+    }
+    // One plot of each flight's altitude, with its axes.
+    assert_eq!(text.matches("altitude, m</span>").count(), flights.len());
+    assert!(words.lines().count() <= 35, "{words}");
+    (words, html)
+}
+
+/// Tags that are left open, or closed where another is open.
+fn unclosed_tags(html: &str) -> Vec<String> {
+    let (mut open, mut wrong): (Vec<&str>, Vec<String>) = (Vec::new(), Vec::new());
+    for tag in html.split('<').skip(1) {
+        let name = tag.split(|c: char| c.is_whitespace() || c == '>').next().unwrap();
+        let whole = tag.split('>').next().unwrap();
+        if let Some(closed) = name.strip_prefix('/') {
+            if open.pop() != Some(closed) {
+                wrong.push(format!("</{closed}"));
+            }
+        } else if !(whole.ends_with('/') || name.starts_with('!') || ["meta", "br"].contains(&name)) {
+            open.push(name);
+        }
+    }
+    wrong.extend(open.into_iter().map(str::to_owned));
+    wrong
+}
+
+#[test]
+fn a_page_shows_the_verdict_and_needs_nothing_else() {
+    let scratch = Scratch::new();
+    let rig = "rigs/virtual.toml";
+    let (_, html) = page_of(&scratch, &flown(&scratch, Some("rotor-lag:time_constant_s=0.12")), rig);
+    assert!(html.contains("The gap comes from rotor-lag"), "no verdict");
+    assert!(html.contains("time constant of rotor speed"));
+
+    let (words, html) = page_of(&scratch, &flown(&scratch, None), rig);
+    assert!(words.starts_with("No gap beyond tolerance and noise: "), "{words}");
+    assert!(html.contains("<h1>No gap beyond tolerance and noise: "));
+
+    let (words, html) = page_of(&scratch, &swung(&scratch), "rigs/foreign.toml");
+    assert!(words.starts_with("There is a gap that no known effect explains: "), "{words}");
+    assert!(html.contains("<h1>There is a gap that no known effect explains: "));
+    assert!(html.contains("Something swings at 0.7"), "no frequency");
+}
+
+#[test]
+fn a_page_that_cannot_be_written_is_said_and_the_words_remain() {
+    let scratch = Scratch::new();
+    let flight = scratch.fly("hop.mcap", &["--mission", "hop", "--model", "vertical"]);
+    let page = scratch.name("absent/page.html");
+    let mut command = bench(["diagnose", &flight, "--html", &page]);
+    let words = stdout(&command.assert().code(2));
+    assert!(words.contains("How far"), "{words}");
+    assert!(refused(command, 2).contains(&format!("cannot write {page}")));
+}
+
+#[test]
+fn flights_with_a_planted_effect_are_diagnosed_in_words_and_json() {
+    let scratch = Scratch::new();
+    let flights = flown(&scratch, Some("tracker-latency:extra_s=0.12"));
     let words = stdout(&bench(["diagnose"]).args(&flights).assert().success());
-    assert!(words.starts_with("tracker-latency ("), "{words}");
-    assert!(words.contains("RMS error of predictions"), "{words}");
+    assert!(words.starts_with("The gap comes from tracker-latency: "), "{words}");
+    assert!(words.contains("error of predictions in cm"), "{words}");
 
     let report = json(&bench(["diagnose", "--json", "--fail-on-gap"]).args(&flights).assert().code(1));
     assert_eq!(report["schema"], "bench.diagnosis/1");

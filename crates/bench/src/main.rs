@@ -5,6 +5,7 @@
 mod blind_answer;
 mod calibration;
 mod commands;
+mod diagnosis;
 mod exit;
 mod files;
 mod flight;

@@ -5,9 +5,11 @@ pub(crate) mod words;
 
 use std::fmt::Write as _;
 
+use bench_page::{document, escaped};
+
 use self::{
     charts::{confusion, detection, reliability},
-    words::{escaped, figure, percent, rate},
+    words::{figure, percent, rate},
 };
 use crate::{
     cases::Family,
@@ -19,16 +21,9 @@ const STYLE: &str = include_str!("page/page.css");
 /// The score as a self-contained HTML page, light or dark as the reader's system is.
 pub fn page(score: &Score) -> String {
     let mut out = String::new();
+    let title = format!("Blind check of {}", score.tool);
     // Writing to a String cannot fail, here and below.
-    let _ = write!(
-        out,
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>Blind check of {0}</title><style>{STYLE}</style></head><body><main>\
-         <h1>Blind check of {0}</h1><p class=\"lead\">{1}</p>",
-        escaped(&score.tool),
-        escaped(&lead(score)),
-    );
+    let _ = write!(out, "<h1>{}</h1><p class=\"lead\">{}</p>", escaped(&title), escaped(&lead(score)));
     not_answered(&mut out, score);
     tiles(&mut out, score);
     out.push_str("<div class=\"two\">");
@@ -56,10 +51,10 @@ pub fn page(score: &Score) -> String {
     cases(&mut out, score);
     let _ = write!(
         out,
-        "<footer>{} &middot; seal {} &middot; answers {} &middot; seed {}</footer></main></body></html>",
+        "<footer>{} &middot; seal {} &middot; answers {} &middot; seed {}</footer>",
         score.schema, score.seal, score.answers_sha256, score.seed
     );
-    out
+    document(&title, STYLE, &out)
 }
 
 fn lead(score: &Score) -> String {

@@ -114,7 +114,8 @@ fn with_the_effect_written_into_the_rig_the_same_flights_show_none() {
     let nominal = rig();
     let mut real = nominal.clone();
     real.effects.push(parse_effect("quadratic-drag:coefficient_n_s2_per_m2=0.05").unwrap());
-    let flights: Vec<Flight> = MISSIONS.iter().zip(1..).map(|(mission, seed)| fly(&real, mission, seed)).collect();
+    let flights: Vec<Flight> =
+        MISSIONS.iter().zip(1..).map(|(mission, seed)| fly(&real, mission, seed)).collect();
     let said = |rig: &Rig| {
         let tracks: Vec<Track> =
             flights.iter().zip(MISSIONS).map(|(f, name)| Track::from_flight(name, f, rig).unwrap()).collect();
@@ -143,6 +144,11 @@ fn every_figure_of_a_diagnosis_is_a_number() {
     let diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in());
     // JSON has no word for what is not a number: serde writes null, which only missing horizons may be.
     let text = serde_json::to_string(&diagnosis).unwrap();
-    let beside_horizons = text.replace("[null,null,null]", "").replace(",null]", "]").replace("\"stage\":null", "").replace("\"closure\":null", "").replace("\"share\":null", "");
+    let beside_horizons = text
+        .replace("[null,null,null]", "")
+        .replace(",null]", "]")
+        .replace("\"stage\":null", "")
+        .replace("\"closure\":null", "")
+        .replace("\"share\":null", "");
     assert!(!beside_horizons.contains("null"), "{text}");
 }

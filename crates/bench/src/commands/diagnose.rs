@@ -1,10 +1,7 @@
-use std::{
-    fmt::Write as _,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Candidate, Diagnosis, Figure, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
 use bench_plant::effects::resolve_all;
 use bench_recording::Flight;
 use bench_rig::Rig;
@@ -12,6 +9,10 @@ use clap::Args;
 
 use crate::{
     calibration::{self, Missions},
+    diagnosis::{
+        page::{Made, page},
+        terminal::in_words,
+    },
     exit::Exit,
     files, words,
 };
@@ -20,6 +21,7 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench diagnose --rig rigs/virtual.toml flight-*.mcap
+  bench diagnose --rig rigs/foreign.toml flight-*.mcap --html diagnosis.html
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
   bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
 
@@ -49,6 +51,9 @@ pub struct Arguments {
     /// Exit with 1 unless the verdict is `none`
     #[arg(long)]
     fail_on_gap: bool,
+    /// Also write a page with plots
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Print as JSON (schema bench.diagnosis/1)
     #[arg(long)]
     json: bool,
@@ -77,13 +82,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &calibration);
     diagnosis.warnings = warnings;
-    if let Some(path) = &arguments.write_rig {
-        write_rig(path, &rig, &diagnosis)?;
-    }
     if arguments.json {
         words::print_json(&diagnosis)?;
     } else {
-        words::print(&in_words(&diagnosis))?;
+        words::print(&in_words(&diagnosis, rig.airframe.actuation))?;
+    }
+    if let Some(file) = &arguments.html {
+        let command = std::iter::once("bench".to_owned())
+            .chain(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
+            .collect();
+        std::fs::write(file, page(&diagnosis, &Made { rig: &rig, command }))
+            .with_context(|| format!("cannot write {}", file.display()))?;
+        eprintln!("wrote {}", file.display());
+    }
+    if let Some(path) = &arguments.write_rig {
+        write_rig(path, &rig, &diagnosis)?;
+        eprintln!("wrote {}", path.display());
     }
     let gap = diagnosis.verdict != Verdict::None;
     Ok(if arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
@@ -98,78 +112,4 @@ fn write_rig(path: &Path, rig: &Rig, diagnosis: &Diagnosis) -> anyhow::Result<()
         bail!("{} exists; name another file for the rig", path.display());
     }
     std::fs::write(path, changed.to_toml()).with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn in_words(diagnosis: &Diagnosis) -> String {
-    let mut out = String::new();
-    let percent = 100.0 * diagnosis.confidence;
-    let _ = match diagnosis.verdict {
-        Verdict::Effect => writeln!(out, "{} ({percent:.0} %)", diagnosis.effects.join(" and ")),
-        Verdict::None => writeln!(out, "none: no gap beyond tolerance and noise ({percent:.0} %)"),
-        Verdict::Unknown => writeln!(out, "unknown: a gap that no known effect explains ({percent:.0} %)"),
-    };
-    let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
-    let _ = writeln!(
-        out,
-        "from {} with {}; probabilities by the {} calibration",
-        words::count(diagnosis.flights.len() as u64, "flight"),
-        words::count(sightings as u64, "sighting"),
-        diagnosis.calibration.source
-    );
-    out += "\nHypotheses\n";
-    for candidate in diagnosis.candidates.iter().take(5) {
-        let _ = writeln!(
-            out,
-            "  {:5.1} %  {}{}",
-            100.0 * candidate.probability,
-            candidate.name,
-            parameters(candidate)
-        );
-    }
-    out += "\nWhere\n";
-    if let Some(stage) = diagnosis.place.stage {
-        let _ = writeln!(out, "  stage: {stage}");
-    }
-    for region in diagnosis.place.regions.iter().filter(|region| region.gain > 3.0).take(3) {
-        let strongest = (0..region.at.len())
-            .max_by(|a, b| region.acceleration_m_s2[*a].abs().total_cmp(&region.acceleration_m_s2[*b].abs()));
-        if let Some(k) = strongest {
-            let _ = writeln!(
-                out,
-                "  over {}: {:+.2} m/s^2 (one sigma {:.2}) at {:.2} {}",
-                region.axis, region.acceleration_m_s2[k], region.sigma_m_s2[k], region.at[k], region.unit
-            );
-        }
-    }
-    for number in diagnosis.numbers.iter().filter(|number| number.sigmas.abs() > 3.0) {
-        let _ = writeln!(
-            out,
-            "  without effects {} would be {:.4} instead of {:.4}: {:+.1} tolerances",
-            number.name, number.fitted, number.nominal, number.sigmas
-        );
-    }
-    out += "\nHow far: RMS error of predictions over 0.5, 1 and 2 s\n";
-    let k = &diagnosis.gap.k_step_m;
-    let mut rows = vec![("the rig as it is", k.nominal), ("its numbers re-fitted", k.parameters_only)];
-    if diagnosis.gap.closure.is_some() || diagnosis.verdict == Verdict::Effect {
-        rows.push(("with the effect", k.with_effect));
-    }
-    for (name, errors) in rows {
-        let errors = errors.map(|error: Option<Figure>| {
-            error.map_or("-".to_owned(), |e| format!("{:.1} cm", 100.0 * e.value))
-        });
-        let _ = writeln!(out, "  {name:<22} {:>9} {:>9} {:>9}", errors[0], errors[1], errors[2]);
-    }
-    for warning in &diagnosis.warnings {
-        let _ = writeln!(out, "warning: {warning}");
-    }
-    out
-}
-
-fn parameters(candidate: &Candidate) -> String {
-    candidate.parameters.iter().fold(String::new(), |mut out, p| {
-        let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
-        let _ = write!(out, "   {} = {:.3} ({:.3} to {:.3}){unit}", p.name, p.value, p.low, p.high);
-        out
-    })
 }

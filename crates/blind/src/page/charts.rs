@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::words::escaped;
+use bench_page::escaped;
+
 use crate::score::{Rate, Score};
 
 const WIDTH: f64 = 460.0;

@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
+use bench_page::{digits, document, escaped};
+
 use super::{
     DiffReport, FieldReport, RecordingSummary, Verdict,
-    chart::{charts, phase_row, x_axis},
-    text::{self, digits, quantity},
+    chart::{charts, phase_row, time_axis},
+    text::{self, quantity},
 };
 
 const STYLE: &str = include_str!("html.css");
@@ -14,13 +16,6 @@ const STYLE: &str = include_str!("html.css");
 pub fn render_html(report: &DiffReport) -> String {
     let mut out = String::new();
     let title = format!("{} against {}", file_name(&report.a), file_name(&report.b));
-    let _ = write!(
-        out,
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>{}</title><style>{STYLE}</style></head><body><main>",
-        escaped(&title)
-    );
     head(&mut out, report);
     phases(&mut out, report);
     let counts = |field: &&FieldReport| field.counts();
@@ -32,12 +27,8 @@ pub fn render_html(report: &DiffReport) -> String {
     let aside = || report.fields.iter().filter(|field| !field.counts());
     section(&mut out, report, "Not counted", aside().filter(|field| field.reason.is_none()), false);
     absent(&mut out, "Not counted, in one recording only", aside().filter(|field| field.reason.is_some()));
-    let _ = writeln!(
-        out,
-        "<footer>{}, times on the clock of A</footer></main></body></html>",
-        DiffReport::SCHEMA
-    );
-    out
+    let _ = write!(out, "<footer>{}, times on the clock of A</footer>", DiffReport::SCHEMA);
+    document(&title, STYLE, &out)
 }
 
 fn head(out: &mut String, report: &DiffReport) {
@@ -97,7 +88,7 @@ fn phases(out: &mut String, report: &DiffReport) {
         out.push_str("<div class=\"phases\">");
         phase_row(out, "A", &report.a.phases, 0.0, t);
         phase_row(out, "B", &report.b.phases, shift_s, t);
-        x_axis(out, t);
+        time_axis(out, t);
         out.push_str("</div>");
     }
     out.push_str("</section>");
@@ -241,17 +232,4 @@ fn file_name(recording: &RecordingSummary) -> &str {
 fn capitalised(words: &str) -> String {
     let mut characters = words.chars();
     characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
-}
-
-fn escaped(words: &str) -> String {
-    words.chars().fold(String::with_capacity(words.len()), |mut out, character| {
-        match character {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            other => out.push(other),
-        }
-        out
-    })
 }

@@ -2,21 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::{Align, DiffReport, FieldReport, RecordingSummary, Tolerance, Verdict};
+use bench_page::digits;
 
-/// A number with three significant digits, as short as it can be.
-pub(super) fn digits(x: f64) -> String {
-    let size = x.abs();
-    if x == 0.0 {
-        "0".to_owned()
-    } else if (1e-4..1e5).contains(&size) {
-        let places = (2 - size.log10().floor() as i32).clamp(0, 6) as usize;
-        let text = format!("{x:.places$}");
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-    } else {
-        format!("{x:.2e}")
-    }
-}
+use super::{Align, DiffReport, FieldReport, RecordingSummary, Tolerance, Verdict};
 
 /// A number with its unit; ratios have none that is written.
 pub(super) fn quantity(x: f64, unit: &str) -> String {

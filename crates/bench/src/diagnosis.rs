@@ -1,0 +1,5 @@
+//! A diagnosis told to people: on a terminal, and as a page.
+
+pub mod page;
+pub mod terminal;
+mod told;

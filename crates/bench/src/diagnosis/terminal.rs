@@ -1,0 +1,168 @@
+//! A diagnosis on a terminal: what it is, where it lies, how far it shrinks, what to do.
+
+use std::fmt::Write as _;
+
+use bench_diagnosis::{Diagnosis, Figure, ParameterValue, RegionTold, Verdict};
+use bench_page::digits;
+use bench_rig::Actuation;
+
+use super::told;
+use crate::words;
+
+/// Most lines of a kind, so that all stays on one screen.
+const MOST: usize = 3;
+/// The same of the rig's numbers.
+const MOST_NUMBERS: usize = 2;
+/// A candidate less probable than this is not told.
+const LEAST_PROBABLE: f64 = 0.01;
+
+/// The diagnosis as lines.
+pub fn in_words(diagnosis: &Diagnosis, sticks: Actuation) -> String {
+    let mut out = String::new();
+    what(&mut out, diagnosis);
+    place(&mut out, diagnosis, sticks);
+    how_far(&mut out, diagnosis);
+    if !diagnosis.next.is_empty() {
+        out += "\nNext\n";
+    }
+    for step in &diagnosis.next {
+        let _ = writeln!(out, "  {step}");
+    }
+    for warning in diagnosis.warnings.iter().take(MOST) {
+        let _ = writeln!(out, "warning: {warning}");
+    }
+    if let Some(more) = diagnosis.warnings.len().checked_sub(MOST).filter(|more| *more > 0) {
+        let _ = writeln!(out, "and {}: --json has them", words::count(more as u64, "more warning"));
+    }
+    out
+}
+
+fn what(out: &mut String, diagnosis: &Diagnosis) {
+    let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
+    let _ = writeln!(
+        out,
+        "{}: {} sure\n{}, {}; calibration of probabilities: {}",
+        told::sentence(diagnosis),
+        told::percent(diagnosis.confidence),
+        words::count(diagnosis.flights.len() as u64, "flight"),
+        words::count(sightings as u64, "sighting"),
+        diagnosis.calibration.source
+    );
+    for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {
+        let _ = writeln!(out, "  {}: {}", effect.name, effect.summary);
+    }
+    if diagnosis.verdict == Verdict::Effect {
+        for p in diagnosis.candidates.first().into_iter().flat_map(|candidate| &candidate.parameters) {
+            let _ = writeln!(out, "    {}", parameter(p));
+        }
+    }
+    let others: Vec<String> = diagnosis
+        .candidates
+        .iter()
+        .skip(1)
+        .filter(|candidate| candidate.probability >= LEAST_PROBABLE)
+        .take(MOST)
+        .map(|candidate| format!("{} ({})", candidate.name, told::percent(candidate.probability)))
+        .collect();
+    if !others.is_empty() {
+        let _ = writeln!(out, "  also possible: {}", others.join(", "));
+    }
+}
+
+fn parameter(p: &ParameterValue) -> String {
+    format!("{} = {}", p.name, told::with_unit(told::interval(p.value, p.low, p.high), p.unit))
+}
+
+fn place(out: &mut String, diagnosis: &Diagnosis, sticks: Actuation) {
+    let place = &diagnosis.place;
+    let mut lines = Vec::new();
+    let stages: Vec<String> = place
+        .stages
+        .iter()
+        .filter_map(|stage| {
+            let share = stage.share.filter(|share| *share >= LEAST_PROBABLE)?;
+            Some(format!("{} {}", told::percent(share), told::stage(stage.stage)))
+        })
+        .take(MOST)
+        .collect();
+    if diagnosis.verdict != Verdict::None && !stages.is_empty() {
+        lines.push(format!("by stage: {}", stages.join(", ")));
+    }
+    let region = place.regions.iter().find(|region| region.gain > told::PLAIN_NATS);
+    lines.extend(region.and_then(strongest));
+    lines.extend(diagnosis.direct.iter().take(MOST).map(|finding| finding.text.clone()));
+    let mut far: Vec<_> = diagnosis.numbers.iter().filter(|number| told::is_far(number)).collect();
+    far.sort_by(|a, b| b.sigmas.abs().total_cmp(&a.sigmas.abs()));
+    for number in far.into_iter().take(MOST_NUMBERS) {
+        let (name, unit) = told::number(number.name, sticks);
+        lines.push(format!(
+            "fitted without effects, {name} would be {} instead of {}: {} tolerances",
+            told::with_unit(digits(number.fitted), &unit),
+            digits(number.nominal),
+            told::signed(number.sigmas, 1)
+        ));
+    }
+    if lines.is_empty() {
+        return;
+    }
+    out.push_str("\nWhere\n");
+    for line in lines {
+        let _ = writeln!(out, "  {line}");
+    }
+}
+
+/// The acceleration that stands out most, with its band.
+fn strongest(region: &RegionTold) -> Option<String> {
+    let k = told::strongest(region)?;
+    let at = told::with_unit(digits(region.at[k]), region.unit);
+    Some(format!(
+        "strongest over {}: {} m/s^2 (+-{}, 2 sigma) at {at}",
+        region.axis,
+        told::signed(region.acceleration_m_s2[k], 2),
+        told::fixed(2.0 * region.sigma_m_s2[k], 2),
+    ))
+}
+
+fn how_far(out: &mut String, diagnosis: &Diagnosis) {
+    let gap = &diagnosis.gap;
+    let best = told::best_effects(diagnosis);
+    let _ = writeln!(
+        out,
+        "\nHow far: error of predictions in cm, intervals of 90 % over flights{}\n  {:<18} {:<17} {:<17} {:<17} misfit, nats",
+        if gap.held_out { ", each left out of the fit" } else { "" },
+        "ahead by",
+        "0.5 s",
+        "1 s",
+        "2 s"
+    );
+    let k = &gap.k_step_m;
+    let mut rows = vec![
+        ("the rig as it is", Some(k.nominal), gap.nominal),
+        ("numbers re-fitted", Some(k.parameters_only), gap.parameters_only),
+    ];
+    if best.is_some() {
+        let name = if diagnosis.verdict == Verdict::Effect { "with the effect" } else { "nearest effect" };
+        rows.push((name, Some(k.with_effect), gap.with_effect));
+    }
+    rows.push(("noise floor", None, gap.floor));
+    for (name, errors, misfit) in rows {
+        let _ = write!(out, "  {name:<18}");
+        for h in 0..3 {
+            let error = errors.and_then(|errors| errors[h]);
+            let _ = write!(out, " {:<17}", error.as_ref().map_or_else(|| "-".to_owned(), centimetres));
+        }
+        let _ = writeln!(out, " {}", told::figure(&misfit, 1.0, 2));
+    }
+    if let Some(closure) = told::closure(diagnosis) {
+        let _ = writeln!(out, "  {closure}");
+    }
+}
+
+fn centimetres(error: &Figure) -> String {
+    let places = match 100.0 * error.high {
+        high if high < 10.0 => 2,
+        high if high < 100.0 => 1,
+        _ => 0,
+    };
+    told::figure(error, 100.0, places).replace(" to ", "-")
+}

@@ -1,0 +1,196 @@
+//! What terminal and page say in the same words.
+
+use bench_diagnosis::{Diagnosis, Figure, Number, RegionTold, Verdict};
+use bench_page::digits;
+use bench_plant::effects::{EffectSpec, LIBRARY, Parameter};
+use bench_rig::Actuation;
+
+/// Evidence from which structure is worth telling, nats: odds of 20 to 1.
+pub const PLAIN_NATS: f64 = 3.0;
+
+/// The verdict in a sentence, without its probability.
+pub fn sentence(diagnosis: &Diagnosis) -> String {
+    match diagnosis.verdict {
+        Verdict::Effect => format!("The gap comes from {}", diagnosis.effects.join(" and ")),
+        Verdict::None => "No gap beyond tolerance and noise".to_owned(),
+        Verdict::Unknown => "There is a gap that no known effect explains".to_owned(),
+    }
+}
+
+/// What an effect is: its entry in the library.
+pub fn spec(effect: &str) -> Option<&'static EffectSpec> {
+    LIBRARY.iter().copied().find(|spec| spec.name == effect)
+}
+
+/// A parameter of an effect.
+pub fn parameter(effect: &str, key: &str) -> Option<&'static Parameter> {
+    spec(effect)?.parameters.iter().find(|parameter| parameter.key == key)
+}
+
+/// Effects that look like the named ones, each once.
+pub fn alike(diagnosis: &Diagnosis) -> Vec<&'static str> {
+    let mut names = Vec::new();
+    for likeness in &diagnosis.group {
+        if !names.contains(&likeness.like) {
+            names.push(likeness.like);
+        }
+    }
+    names
+}
+
+/// What the third level of the gap adds, where there is such a level.
+pub fn best_effects(diagnosis: &Diagnosis) -> Option<String> {
+    if diagnosis.verdict == Verdict::Effect {
+        return Some(diagnosis.effects.join(" and "));
+    }
+    diagnosis.gap.closure?;
+    let best = diagnosis.candidates.iter().find(|candidate| candidate.name != "unknown")?;
+    (!best.effects.is_empty()).then(|| best.effects.join(" and "))
+}
+
+/// A probability as people say it.
+pub fn percent(probability: f64) -> String {
+    if !probability.is_finite() {
+        "-".to_owned()
+    } else if probability > 0.995 {
+        "over 99 %".to_owned()
+    } else if probability < 0.005 {
+        "under 1 %".to_owned()
+    } else {
+        format!("{:.0} %", 100.0 * probability)
+    }
+}
+
+/// A number with its unit; ratios have none that is written.
+pub fn with_unit(text: String, unit: &str) -> String {
+    if unit == "1" || unit.is_empty() { text } else { format!("{text} {unit}") }
+}
+
+/// A figure and its interval with so many places; without the interval where it is a point.
+pub fn figure(figure: &Figure, factor: f64, places: usize) -> String {
+    let [value, low, high] = [figure.value, figure.low, figure.high].map(|x| factor * x);
+    if low == high {
+        fixed(value, places)
+    } else {
+        format!("{} ({} to {})", fixed(value, places), fixed(low, places), fixed(high, places))
+    }
+}
+
+/// A number with so many places, never a negative zero; `-` for what is no number.
+pub fn fixed(x: f64, places: usize) -> String {
+    if !x.is_finite() {
+        return "-".to_owned();
+    }
+    let text = format!("{x:.places$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.chars().all(|c| c == '0' || c == '.') => rest.to_owned(),
+        _ => text,
+    }
+}
+
+/// The same with a plus before what is above zero.
+pub fn signed(x: f64, places: usize) -> String {
+    let text = fixed(x, places);
+    if x > 0.0 { format!("+{text}") } else { text }
+}
+
+/// A value and its interval.
+pub fn interval(value: f64, low: f64, high: f64) -> String {
+    format!("{} ({} to {})", digits(value), digits(low), digits(high))
+}
+
+/// Name and unit of one of the rig's numbers, from its key.
+pub fn number(key: &str, sticks: Actuation) -> (String, String) {
+    let of_sticks = sticks.unit();
+    let (name, unit) = match key {
+        "thrust_gain" if of_sticks == "1" => (key, "N".to_owned()),
+        "thrust_gain" => (key, format!("N/{of_sticks}")),
+        "thrust_offset" => (key, of_sticks.to_owned()),
+        _ => [("_n_s_per_m", "N s/m"), ("_kg", "kg"), ("_m", "m"), ("_s", "s")]
+            .into_iter()
+            .find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, unit.to_owned())))
+            .unwrap_or((key, "1".to_owned())),
+    };
+    (name.replace('_', " "), unit)
+}
+
+/// What of the gap is closed, or why not, as the rest of a sentence.
+pub fn closure(diagnosis: &Diagnosis) -> Option<String> {
+    let best = best_effects(diagnosis)?;
+    if diagnosis.verdict != Verdict::Effect {
+        return Some(format!("{best} comes nearest and does not explain it{}", left_over(diagnosis)));
+    }
+    let closure = diagnosis.gap.closure?;
+    let [value, low, high] = [closure.value, closure.low, closure.high].map(|share| fixed(100.0 * share, 0));
+    let close = if diagnosis.effects.len() > 1 { "together close" } else { "closes" };
+    Some(format!("{best} {close} {value} % ({low} to {high} %) of what re-fitting leaves above the floor"))
+}
+
+/// The plainest of what no hypothesis explains.
+fn left_over(diagnosis: &Diagnosis) -> String {
+    let place = &diagnosis.place;
+    let wave = place.unexplained_frequency;
+    let told = [
+        (place.unexplained, "an acceleration of no known form".to_owned()),
+        (wave.gain, format!("a swing at {} Hz", digits(wave.hz))),
+        (place.unexplained_readback, "a readback of no known law".to_owned()),
+    ];
+    let most = told.into_iter().filter(|(gain, _)| *gain > PLAIN_NATS).max_by(|a, b| a.0.total_cmp(&b.0));
+    most.map_or_else(String::new, |(gain, what)| format!(": it leaves {what} ({} nats)", fixed(gain, 0)))
+}
+
+/// A stage as people call it.
+pub fn stage(stage: &str) -> &str {
+    match stage {
+        "numbers" => "the rig's own numbers",
+        "frames" => "times of the frames",
+        "loop" => "times of the loop",
+        other => other,
+    }
+}
+
+/// From so many tolerances on a number of the rig is far off.
+const FAR_SIGMAS: f64 = 3.0;
+
+/// Whether a number would have to move further than tolerances go.
+pub fn is_far(number: &Number) -> bool {
+    number.sigmas.abs() > FAR_SIGMAS
+}
+
+/// Where along a region the acceleration stands out most of its band.
+pub fn strongest(region: &RegionTold) -> Option<usize> {
+    let clear = |k: usize| {
+        let sigmas = region.acceleration_m_s2[k] / region.sigma_m_s2[k];
+        if sigmas.is_finite() { sigmas.abs() } else { 0.0 }
+    };
+    (0..region.at.len()).max_by(|a, b| clear(*a).total_cmp(&clear(*b)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_become_names_and_units() {
+        let told = |key| number(key, Actuation::Volt);
+        assert_eq!(told("mass_kg"), ("mass".to_owned(), "kg".to_owned()));
+        assert_eq!(told("drag_n_s_per_m"), ("drag".to_owned(), "N s/m".to_owned()));
+        assert_eq!(told("thrust_gain"), ("thrust gain".to_owned(), "N/V".to_owned()));
+        assert_eq!(told("ground_effect_multiplier"), ("ground effect multiplier".to_owned(), "1".to_owned()));
+        assert_eq!(number("thrust_gain", Actuation::Fraction).1, "N");
+    }
+
+    #[test]
+    fn probabilities_do_not_claim_certainty() {
+        let told = [1.0, 0.97, 0.001, f64::NAN].map(percent);
+        assert_eq!(told, ["over 99 %", "97 %", "under 1 %", "-"]);
+    }
+
+    #[test]
+    fn figures_keep_their_places_and_have_no_negative_zero() {
+        let told = |value, low, high| figure(&Figure { value, low, high }, 100.0, 1);
+        assert_eq!(told(0.0123, -0.0001, 0.02), "1.2 (0.0 to 2.0)");
+        assert_eq!(told(0.5, 0.5, 0.5), "50.0");
+        assert_eq!(told(f64::NAN, 0.0, 1.0), "- (0.0 to 100.0)");
+    }
+}
