@@ -15,6 +15,6 @@ mod summary;
 
 pub use fly::{Ending, Flown, Progress, fly};
 pub use safety::StopReason;
-pub use simulate::{SimulationError, simulate};
+pub use simulate::{SimulationError, simulate, simulate_on};
 pub use sink::Sink;
 pub use summary::{Check, Summary, check};
