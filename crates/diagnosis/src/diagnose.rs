@@ -11,6 +11,7 @@ use crate::{
     gap::{Gap, gap},
     groups::{SAME, cosines},
     law::NUISANCES,
+    next_flight::{NextFlight, close},
     pass::Axis,
     region::Regions,
     search::{Search, fitted_effects},
@@ -57,6 +58,8 @@ pub struct Diagnosis {
     pub flights: Vec<FlightUsed>,
     /// What to do next, in words.
     pub next: Vec<String>,
+    /// The mission that tells the leading hypotheses apart, where one was asked for and found.
+    pub next_flight: Option<NextFlight>,
     /// What could not be used, or cannot be told from these flights.
     pub warnings: Vec<String>,
 }
@@ -260,6 +263,7 @@ impl Diagnosis {
                 })
                 .collect(),
             next: next(verdict, &candidates, &group),
+            next_flight: None,
             group,
             warnings: Vec::new(),
             candidates,
@@ -449,13 +453,9 @@ fn axis_words(axis: Axis) -> (&'static str, &'static str) {
     }
 }
 
-/// Probability below which a verdict asks for another flight.
-const SURE: f64 = 0.8;
-
 fn next(verdict: Verdict, candidates: &[Candidate], group: &[Likeness]) -> Vec<String> {
     let mut words = Vec::new();
-    let (first, second) = (&candidates[0], candidates.get(1));
-    if let Some(second) = second.filter(|_| first.probability < SURE) {
+    if let Some([first, second]) = close(candidates) {
         words.push(format!(
             "{} and {} stay close: `--next-flight FILE` writes the mission that separates them best",
             first.name, second.name

@@ -16,6 +16,7 @@ mod fit;
 mod gap;
 mod groups;
 mod law;
+mod next_flight;
 mod pass;
 mod random;
 mod region;
@@ -33,6 +34,7 @@ pub use diagnose::{
 pub use direct::Finding;
 pub use fit::Problem;
 pub use gap::{Consistency, Figure, FlightGap, Gap, KStep};
+pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
 pub use smooth::Trace;
 pub use stage::StageShare;
 pub use track::{Input, Sighting, Track, TrackError};

@@ -24,6 +24,6 @@ pub use guarded::{await_marker, fly_guarded};
 pub use loopback::{Loopback, LoopbackOutput, LoopbackTracker, drain_truth};
 pub use real_time::{Granted, WallClock};
 pub use safety::StopReason;
-pub use simulate::{SimulationError, simulate, simulate_seen};
+pub use simulate::{SimulationError, simulate, simulate_on, simulate_seen};
 pub use sink::Sink;
 pub use summary::{Check, Percentiles, Summary, Timing, check};

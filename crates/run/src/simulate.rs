@@ -18,9 +18,22 @@ pub fn simulate(
     mission: &Mission,
     seed: u64,
     sink: &mut impl Sink,
+    each: impl FnMut(&Progress) -> bool,
+) -> Result<Flown, SimulationError> {
+    simulate_on(rig, rig, mission, seed, sink, each)
+}
+
+/// The same where the lab is not what the controller takes it for: `plant` flies, while controller and safety stops go
+/// by `rig`.
+pub fn simulate_on(
+    plant: &Rig,
+    rig: &Rig,
+    mission: &Mission,
+    seed: u64,
+    sink: &mut impl Sink,
     mut each: impl FnMut(&Progress) -> bool,
 ) -> Result<Flown, SimulationError> {
-    let Lab { mut clock, mut output, mut tracker, world } = Lab::new(rig, seed)?;
+    let Lab { mut clock, mut output, mut tracker, world } = Lab::new(plant, seed)?;
     let ends = (&mut clock, &mut output, &mut tracker);
     Ok(fly(ends, rig, mission, sink, |progress, sink| {
         world.drain_truth(|state| sink.take(Record::Truth(truth(&state))));

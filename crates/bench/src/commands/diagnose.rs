@@ -1,10 +1,14 @@
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, MARK, NextFlight, Problem, Track, Verdict};
 use bench_plant::effects::resolve_all;
-use bench_recording::Flight;
-use bench_rig::Rig;
+use bench_recording::{Flight, Mode, Record, Session};
+use bench_rig::{Mission, Rig};
+use bench_run::{Ending, simulate_on};
 use clap::Args;
 
 use crate::{
@@ -24,6 +28,7 @@ use crate::{
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --html diagnosis.html
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
   bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
+  bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
 
 Probabilities come from a calibration: one for this rig and these missions if --calibrate made it before,
 else the built-in one.
@@ -54,6 +59,12 @@ pub struct Arguments {
     /// Also write a page with plots
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    /// Write the mission that best tells the two leading hypotheses apart
+    #[arg(long, value_name = "FILE")]
+    next_flight: Option<PathBuf>,
+    /// The two hypotheses that the next flight is to tell apart: names of effects, pairs as A+B, or none
+    #[arg(long, value_name = "A,B", requires = "next_flight")]
+    between: Option<String>,
     /// Print as JSON (schema bench.diagnosis/1)
     #[arg(long)]
     json: bool,
@@ -63,24 +74,40 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let rig = files::rig(&arguments.rig)?;
     // The rig's own effects are part of the model that is asked about.
     resolve_all(&rig.effects)?;
-    let (mut tracks, mut warnings, mut missions) = (Vec::new(), Vec::new(), Vec::new());
+    let between = between(arguments)?;
+    let mut missions = Vec::new();
+    let (mut tracks, mut warnings, mut carried) = (Vec::new(), Vec::new(), Vec::new());
     for path in &arguments.flights {
         let flight = Flight::load(path)?;
-        missions.push(flight.mission_toml().map(str::to_owned));
+        carried.push(flight.mission_toml().map(str::to_owned));
         match Track::from_flight(&path.display().to_string(), &flight, &rig) {
             Ok(track) => tracks.push(track),
             Err(error) => warnings.push(error.to_string()),
         }
+        // Only what is compared with a next flight.
+        let mission = flight.mission_toml().and_then(|text| Mission::read(path, text).ok());
+        missions.extend(mission.filter(|mission| !missions.contains(mission)));
     }
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
-    let missions = Missions::of(missions)?;
+    let flown = Missions::of(carried)?;
     let calibration = match arguments.calibrate {
-        Some(sets) => calibration::learn(&rig, &missions, sets)?,
-        None => calibration::cached(&rig, &missions).unwrap_or_else(Calibration::built_in),
+        Some(sets) => calibration::learn(&rig, &flown, sets)?,
+        None => calibration::cached(&rig, &flown).unwrap_or_else(Calibration::built_in),
     };
-    let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &calibration);
+    let problem = Problem::new(&tracks, &rig);
+    let mut diagnosis = Diagnosis::of(&problem, &calibration);
+    let mut refused = false;
+    if arguments.next_flight.is_some() {
+        match NextFlight::propose(&problem, &diagnosis.candidates, between, &missions, fly) {
+            Ok(next) => diagnosis.next_flight = Some(next),
+            Err(reason) => {
+                refused = true;
+                warnings.push(reason.to_string());
+            }
+        }
+    }
     diagnosis.warnings = warnings;
     if arguments.json {
         words::print_json(&diagnosis)?;
@@ -99,8 +126,70 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         write_rig(path, &rig, &diagnosis)?;
         eprintln!("wrote {}", path.display());
     }
+    if let (Some(next), Some(file)) = (&diagnosis.next_flight, &arguments.next_flight) {
+        std::fs::write(file, next.to_toml())
+            .with_context(|| format!("cannot write the mission to {}", file.display()))?;
+        if !arguments.json {
+            words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
+        }
+    }
     let gap = diagnosis.verdict != Verdict::None;
-    Ok(if arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+    Ok(if refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// The two hypotheses of `--between`; also whether the file of the next flight may be written, before the work.
+fn between(arguments: &Arguments) -> anyhow::Result<Option<[&str; 2]>> {
+    if let Some(file) = &arguments.next_flight {
+        let proposed = || std::fs::read_to_string(file).is_ok_and(|text| text.starts_with(MARK));
+        if file.exists() && !proposed() {
+            bail!("{} exists and is not a proposed mission; name another file", file.display());
+        }
+    }
+    let Some(names) = &arguments.between else { return Ok(None) };
+    let Some((first, second)) = names.split_once(',') else {
+        bail!("--between {names:?}: expected two hypotheses, such as quadratic-drag,inflow-damping");
+    };
+    let names = [first.trim(), second.trim()];
+    NextFlight::check(names).context("--between")?;
+    Ok(Some(names))
+}
+
+/// Flies a mission on a plant that the controller takes for the nominal rig.
+fn fly(plant: &Rig, nominal: &Rig, mission: &Mission) -> Option<Flight> {
+    let mut records: Vec<Record> = Vec::new();
+    let flown = simulate_on(plant, nominal, mission, 0, &mut records, |_| true).ok()?;
+    let whole = flown.ending == Ending::Complete;
+    whole.then(|| Flight::from_records(Session::new(Mode::Sim), records))
+}
+
+fn next_in_words(next: &NextFlight, file: &Path, temperature: f64) -> String {
+    let [first, second] = &next.between;
+    let mut out = format!("\nNext flight: tells {first} from {second}\n  {}\n", next.flies);
+    let nats = |gain: f64| format!("{}{gain:.1}", if gain < NextFlight::MOST { "" } else { "over " });
+    let _ = writeln!(
+        out,
+        "  expected gain {:.1} nats ({} if {first} is true, {} if {second} is): odds {} times as clear",
+        next.gain,
+        nats(next.gain_if[0]),
+        nats(next.gain_if[1]),
+        match (next.gain / temperature).exp() {
+            factor if factor < 1000.0 => format!("{factor:.1}"),
+            _ => "over 1,000".to_owned(),
+        }
+    );
+    let _ = match &next.repeat {
+        Some(repeat) => {
+            writeln!(out, "  flying {} once more would bring {:.1} nats", repeat.mission, repeat.gain)
+        }
+        None => writeln!(out, "  the recordings hold no mission to compare with"),
+    };
+    let _ = writeln!(
+        out,
+        "  written to {} after {}; fly it, then diagnose all recordings together",
+        file.display(),
+        words::count(next.tried as u64, "mission")
+    );
+    out
 }
 
 fn write_rig(path: &Path, rig: &Rig, diagnosis: &Diagnosis) -> anyhow::Result<()> {
