@@ -21,6 +21,9 @@ const LEAST_SETS: usize = 50;
 /// Ordinary turbulence, m/s: drawn evenly in the logarithm.
 const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
 
+/// Missions that stand for those of logs that carry none.
+const USUAL: &str = "rigs/missions/blind";
+
 /// The missions of a set of flights.
 pub struct Missions(Vec<Mission>);
 
@@ -39,7 +42,6 @@ impl Missions {
         if !self.0.is_empty() {
             return Ok(self.0.clone());
         }
-        const USUAL: &str = "rigs/missions/blind";
         let mut paths: Vec<PathBuf> = fs::read_dir(USUAL)
             .with_context(|| format!("the flights carry no missions, and there are none in {USUAL} here"))?
             .filter_map(|entry| Some(entry.ok()?.path()))
@@ -62,8 +64,8 @@ fn path(rig: &Rig, missions: &Missions) -> Option<PathBuf> {
         hash.update(part.len().to_le_bytes());
         hash.update(part);
     }
-    let digits = hash.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect::<String>();
-    Some(base.join("bench/calibration").join(digits).with_extension("json"))
+    let name = hash.finalize().iter().take(8).fold(0_u64, |name, byte| name << 8 | u64::from(*byte));
+    Some(base.join("bench/calibration").join(format!("{name:016x}.json")))
 }
 
 /// What was learnt before for this rig and these missions.

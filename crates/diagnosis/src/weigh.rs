@@ -96,7 +96,7 @@ impl Weighed {
             .map(|(p, q)| (1.0 - doubt) * p + doubt * q)
             .collect();
         let unknown = probabilities.pop().unwrap_or(0.0);
-        Self { probabilities, unknown_gain, unknown, hypotheses, on_null }
+        Self { hypotheses, probabilities, unknown_gain, unknown, on_null }
     }
 }
 
