@@ -38,7 +38,8 @@ fn tracks(nominal: &Rig, effect: Option<&str>) -> Vec<Track> {
     (0..FLIGHTS)
         .map(|seed| {
             let name = if seed % 2 == 0 { "steps" } else { "low-hover" };
-            let mut mission = Mission::load(rigs().join("missions").join(name).with_extension("toml")).unwrap();
+            let mut mission =
+                Mission::load(rigs().join("missions").join(name).with_extension("toml")).unwrap();
             mission.phases.retain(|phase| !matches!(phase.action, PhaseAction::Land { .. }));
             let planned_s: f64 = mission.phases.iter().map(|phase| phase.duration_s).sum();
             mission.phases.last_mut().unwrap().duration_s += FLIGHT_S - planned_s;
