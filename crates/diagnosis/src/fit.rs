@@ -45,8 +45,11 @@ pub struct Fit {
     pub objective: f64,
     /// Natural logarithm of the evidence, but for a constant that all hypotheses share.
     pub log_evidence: f64,
-    /// The last pass, at the mode, with the derivatives by the free coordinates.
+    /// The last pass, at the mode, with the derivatives by the free coordinates; its innovations are not kept, for there
+    /// are many fits and flights.
     pub pass: Pass,
+    /// How many sightings were held against predictions.
+    pub sightings: usize,
 }
 
 /// A coordinate that is fitted, with its prior in its own scale.
@@ -441,7 +444,12 @@ impl Look {
             covariance,
             objective: self.objective,
             log_evidence,
-            pass: self.pass,
+            sightings: self.pass.innovations().count(),
+            pass: {
+                let mut pass = self.pass;
+                pass.tracks.iter_mut().for_each(|track| track.innovations = Vec::new());
+                pass
+            },
         }
     }
 }

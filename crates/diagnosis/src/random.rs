@@ -103,7 +103,7 @@ pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit>
         .map(|values| (objective(&noise, &values), values))
         .min_by(|a, b| a.0.total_cmp(&b.0))?;
     // So far behind that no search from so coarse a grid makes it up.
-    let sightings = base.pass.innovations().count() as f64;
+    let sightings = base.sightings as f64;
     if value > base.objective + 15.0 + GRID_LOSS * sightings {
         return None;
     }
