@@ -296,7 +296,9 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let step = if rig.output.bits == 0 { 0.0 } else { range / f64::from((1_u32 << rig.output.bits) - 1) };
     let channel = PinChannel { rig, flights, sigma, step };
     let ordinary = channel.all(|pin, _| pin.asked);
-    let floor = 1.15 * 0.5 * all.len() as f64 + 10.0;
+    // The noise is itself estimated from these readbacks, the fewer the worse.
+    let readbacks = all.len() as f64;
+    let floor = (1.15 + 5.0 / readbacks.sqrt()) * 0.5 * readbacks + 10.0;
     if ordinary - floor < LAW_COST {
         return;
     }

@@ -51,6 +51,17 @@ fn flights_without_an_effect_show_none() {
 }
 
 #[test]
+fn two_short_flights_without_an_effect_raise_no_alarm() {
+    let rig = rig();
+    for (hop, climb) in [(1, 2), (3, 4), (5, 6)] {
+        let tracks = [("hop", hop), ("climb-040", climb)]
+            .map(|(mission, seed)| Track::from_flight(mission, &fly(&rig, mission, seed), &rig).unwrap());
+        let diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in());
+        assert_eq!(diagnosis.verdict, Verdict::None, "seeds {hop}, {climb}: {:#?}", diagnosis.candidates);
+    }
+}
+
+#[test]
 fn effects_are_named_with_parameters_near_those_planted() {
     // Relative errors of a few sigma; sizes are plain on these flights.
     for (text, name, parameter, planted) in [
