@@ -39,6 +39,7 @@ enum Command {
     Diff(commands::diff::Arguments),
     Blind(commands::blind::Arguments),
     Diagnose(commands::diagnose::Arguments),
+    Identify(commands::identify::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -51,6 +52,7 @@ fn main() -> std::process::ExitCode {
         Command::Import(arguments) => commands::import::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
+        Command::Identify(arguments) => commands::identify::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
     };
     match outcome {

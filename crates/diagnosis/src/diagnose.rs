@@ -9,7 +9,7 @@ use crate::{
     fit::{Fit, Problem},
     gap::{Gap, gap},
     groups::{SAME, cosines},
-    law::NUISANCES,
+    law::Point,
     pass::Axis,
     region::Regions,
     search::{Search, fitted_effects},
@@ -204,6 +204,9 @@ const SET_PROBABILITY: f64 = 0.9;
 impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
+        let levelled = problem.levelled();
+        let tracks = levelled.as_deref().unwrap_or(problem.tracks);
+        let problem = &Problem { tracks, nominal: problem.nominal.clone(), ..*problem };
         let search = Search::of(problem);
         let direct = direct(problem.tracks, problem.rig);
         let weighed = Weighed::of(problem, &search, &direct, calibration);
@@ -334,11 +337,12 @@ fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
 }
 
 fn numbers(problem: &Problem<'_>, null: &Fit) -> Vec<Number> {
-    (0..NUISANCES.len())
+    let names = Point::names(problem.rig);
+    (0..names.len())
         .filter(|i| problem.sigma[*i] > 0.0)
         .map(|i| {
             let (nominal, fitted) = (problem.nominal.nuisances[i], null.point.nuisances[i]);
-            Number { name: NUISANCES[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
+            Number { name: names[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
         })
         .collect()
 }

@@ -1,25 +1,24 @@
 use std::{fmt::Write as _, path::PathBuf};
 
 use anyhow::bail;
-use bench_diagnosis::{Calibration, Candidate, Diagnosis, Figure, Problem, Track, Verdict};
-use bench_recording::Flight;
+use bench_diagnosis::{Calibration, Candidate, Diagnosis, Figure, Problem, Verdict};
 use clap::Args;
 
-use crate::{exit::Exit, files, words};
+use crate::{commands::tracks::Selection, exit::Exit, files, words};
 
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench diagnose --rig rigs/virtual.toml flight-*.mcap
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
+  bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
 
 The rig is the nominal model with its tolerances. All flights must be of one airframe in one condition;
 more and richer flights (launches, steps, descents, low hover) tell more. docs/diagnosis.md has the method,
 and what it does not do yet.")]
 pub struct Arguments {
-    /// Recordings of flights
-    #[arg(required = true)]
-    flights: Vec<PathBuf>,
+    #[command(flatten)]
+    selection: Selection,
     /// Nominal model with tolerances
     #[arg(long, default_value = files::DEFAULT_RIG)]
     rig: PathBuf,
@@ -35,13 +34,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mut rig = files::rig(&arguments.rig)?;
     // The rig's own effects belong to its simulations; the nominal model is what is asked about.
     let ignored = std::mem::take(&mut rig.effects).len();
-    let (mut tracks, mut warnings) = (Vec::new(), Vec::new());
-    for path in &arguments.flights {
-        match Track::from_flight(&path.display().to_string(), &Flight::load(path)?, &rig) {
-            Ok(track) => tracks.push(track),
-            Err(error) => warnings.push(error.to_string()),
-        }
-    }
+    let (tracks, mut warnings) = arguments.selection.tracks(&rig)?;
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
