@@ -126,13 +126,23 @@ fn settle(tracks: &mut [Track], prior: &mut Rig) -> Noise {
     let spread = prior.disturbance.noise_spread_ln.unwrap_or(NOISE_SPREAD_LN);
     prior.disturbance.noise_spread_ln = Some(spread);
     let thought = noise::thought(&Problem::new(tracks, prior).noise);
-    let mut noise = thought;
+    let (mut noise, mut pooled_noise) = (thought, thought);
     let mut point = Problem::new(tracks, prior).nominal;
     for _ in 0..ROUNDS {
         let problem = Problem { noise, ..Problem::new(tracks, prior) };
         let fit = problem.refine(point, noise);
         noise = noise::most_likely(&problem, &fit, &thought);
-        let fit = Fit { noise, ..fit };
+        // The same of what a flight keeps: three flights of one battery do not show what the next has.
+        let flights = tracks.len() as f64;
+        let pooled = |found: f64, before: f64| {
+            ((flights * found * found + THOUGHT_FLIGHTS * before * before) / (flights + THOUGHT_FLIGHTS)).sqrt()
+        };
+        let kept = Noise {
+            trim: pooled(noise.trim, thought.trim),
+            trim_walk: pooled(noise.trim_walk, thought.trim_walk),
+            ..noise
+        };
+        let fit = Fit { noise: kept, ..fit };
         let levels = problem.level(&fit);
         // The noise is that of the usual flight; the shares lie about it.
         let n = levels.len() as f64;
@@ -146,11 +156,12 @@ fn settle(tracks: &mut [Track], prior: &mut Rig) -> Noise {
         }
         prior.disturbance.noise_spread_ln = Some(found);
         point = fit.point;
+        pooled_noise = kept;
         if settled {
             break;
         }
     }
-    noise
+    pooled_noise
 }
 
 /// How well the flights tell each of the nuisances.
