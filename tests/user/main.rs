@@ -4,6 +4,7 @@ mod blind;
 mod compare;
 mod diagnose;
 mod figures;
+mod identify;
 mod import;
 mod record;
 mod sim;

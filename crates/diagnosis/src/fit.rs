@@ -183,7 +183,8 @@ impl<'a> Problem<'a> {
             .map(|track| {
                 let objective = |ln: f64| {
                     let track_noise = noise.times((ln - track.ln_noise).exp());
-                    fly_track(track, self.rig, &fit.point, &track_noise, &[]).nll + 0.5 * (ln / spread).powi(2)
+                    fly_track(track, self.rig, &fit.point, &track_noise, &[]).nll
+                        + 0.5 * (ln / spread).powi(2)
                 };
                 let steps = (-LEVEL_STEPS..=LEVEL_STEPS).map(|k| LEVEL_STEP * f64::from(k));
                 steps

@@ -106,7 +106,9 @@ pub enum TrackError {
         unit: &'static str,
     },
     /// Too little to say anything.
-    #[error("{flight}: only {sightings} positions in flight, while the rotors turned; at least {least} are needed")]
+    #[error(
+        "{flight}: only {sightings} positions in flight, while the rotors turned; at least {least} are needed"
+    )]
     TooShort {
         /// The flight.
         flight: String,
@@ -243,11 +245,7 @@ impl Track {
     fn check(self) -> Result<Self, TrackError> {
         let seen = self.sightings.iter().filter(|s| s.counts).count();
         if seen < LEAST_SIGHTINGS {
-            return Err(TrackError::TooShort {
-                flight: self.name,
-                sightings: seen,
-                least: LEAST_SIGHTINGS,
-            });
+            return Err(TrackError::TooShort { flight: self.name, sightings: seen, least: LEAST_SIGHTINGS });
         }
         Ok(self)
     }

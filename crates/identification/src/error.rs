@@ -16,7 +16,9 @@ pub enum IdentifyError {
         least: usize,
     },
     /// Nothing left the ground.
-    #[error("{flight}: it was never seen above {height_m} m: no flight to identify anything from; leave it out")]
+    #[error(
+        "{flight}: it was never seen above {height_m} m: no flight to identify anything from; leave it out"
+    )]
     NeverAirborne {
         /// The flight.
         flight: String,

@@ -100,8 +100,10 @@ pub fn identify_flights(tracks: &[Track], rig: &Rig) -> Result<FlightIdentificat
 /// up for one another in flights, which hold the throttle near hover; hover and offset do not. With
 /// `range = weight/gain`, `hover = offset + range` and `s` the relative tolerance of `weight/gain`:
 ///
-///     sigma(hover)^2 = sigma(offset)^2 + (range s)^2
-///     1/sigma(offset given hover)^2 = 1/sigma(offset)^2 + 1/(range s)^2
+/// ```text
+/// sigma(hover)^2 = sigma(offset)^2 + (range s)^2
+/// 1/sigma(offset given hover)^2 = 1/sigma(offset)^2 + 1/(range s)^2
+/// ```
 fn with_hover(rig: &Rig) -> Rig {
     let mut out = rig.clone();
     let a = &rig.airframe;
@@ -135,7 +137,8 @@ fn settle(tracks: &mut [Track], prior: &mut Rig) -> Noise {
         // The same of what a flight keeps: three flights of one battery do not show what the next has.
         let flights = tracks.len() as f64;
         let pooled = |found: f64, before: f64| {
-            ((flights * found * found + THOUGHT_FLIGHTS * before * before) / (flights + THOUGHT_FLIGHTS)).sqrt()
+            ((flights * found * found + THOUGHT_FLIGHTS * before * before) / (flights + THOUGHT_FLIGHTS))
+                .sqrt()
         };
         let kept = Noise {
             trim: pooled(noise.trim, thought.trim),

@@ -20,7 +20,9 @@ const RATIO: f64 = 1.25;
 /// One sigma between flights of each number: the most likely ones if flight i has `theta + d_i`, `d_i` being normal.
 /// Near the fit to all a flight's log-likelihood is a parabola, so that `d_i` is integrated out exactly:
 ///
-///     ln L_i = 1/2 g'(F + 1/T)^-1 g - 1/2 ln|1 + T F|,   T = diag(tau^2)
+/// ```text
+/// ln L_i = 1/2 g'(F + 1/T)^-1 g - 1/2 ln|1 + T F|,   T = diag(tau^2)
+/// ```
 ///
 /// Numbers that make up for one another would each take the whole spread, so they are added one at a time, best first.
 pub fn between_flights(flights: &[Says], prior_sigma: &[f64], may_differ: &[bool]) -> Vec<f64> {

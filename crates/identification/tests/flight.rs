@@ -140,20 +140,20 @@ fn airframe(actuation: Actuation, range: [f64; 2], frame_hz: f64, loop_hz: f64, 
 }
 
 /// Identifies nominal flights, then diagnoses others: nominal ones, and some with an effect.
-fn identify_then_diagnose(rig: &Rig, effect: &str) -> [Diagnosis; 2] {
+fn identify_then_diagnose(rig: &Rig, effect: &str, missions: &[&str]) -> [Diagnosis; 2] {
     let mut nominal = rig.clone();
     nominal.airframe.thrust.gain_n_per_unit.value *= 1.03;
-    let found = identify_flights(&tracks(&fly(&nominal, 0..4, &MISSIONS), rig), rig).unwrap();
+    let found = identify_flights(&tracks(&fly(&nominal, 0..3, missions), rig), rig).unwrap();
     let mut changed = nominal.clone();
     changed.effects.push(parse_effect(effect).unwrap());
     [nominal, changed].map(|real| {
-        let flights = tracks(&fly(&real, 10..14, &MISSIONS), &found.rig);
+        let flights = tracks(&fly(&real, 10..13, missions), &found.rig);
         Diagnosis::of(&Problem::new(&flights, &found.rig), &Calibration::built_in())
     })
 }
 
-fn check(rig: &Rig, effect: &str, named: &str) {
-    let [nominal, changed] = identify_then_diagnose(rig, effect);
+fn check(rig: &Rig, effect: &str, named: &str, missions: &[&str]) {
+    let [nominal, changed] = identify_then_diagnose(rig, effect, missions);
     assert_eq!(nominal.verdict, Verdict::None, "{:#?}", nominal.candidates);
     let group: Vec<_> = changed.group.iter().map(|likeness| likeness.like).collect();
     assert!(
@@ -164,9 +164,24 @@ fn check(rig: &Rig, effect: &str, named: &str) {
 }
 
 #[test]
+fn a_latency_that_was_identified_is_the_latency_from_then_on() {
+    let rig = virtual_rig();
+    let mut real = rig.clone();
+    // The tracker believes the rig; 0.06 s are two of its tolerances.
+    real.effects.push(parse_effect("tracker-latency:extra_s=0.06").unwrap());
+    let found = identify_flights(&tracks(&fly(&real, 0..3, &MISSIONS), &rig), &rig).unwrap();
+    near(&found, "tracker_latency_s", 0.36);
+    let flights = tracks(&fly(&real, 10..13, &MISSIONS), &found.rig);
+    let diagnosis = Diagnosis::of(&Problem::new(&flights, &found.rig), &Calibration::built_in());
+    assert_eq!(diagnosis.verdict, Verdict::None, "{:#?}", &diagnosis.candidates[..3]);
+    let latency = diagnosis.numbers.iter().find(|number| number.name == "tracker_latency_s").unwrap();
+    assert!(latency.sigmas.abs() < 3.0, "{latency:?}");
+}
+
+#[test]
 fn a_fraction_at_500_hz_without_latency_is_identified_then_diagnosed() {
     let rig = airframe(Actuation::Fraction, [0.0, 1.0], 500.0, 250.0, 0.0);
-    check(&rig, "quadratic-drag:coefficient_n_s2_per_m2=0.06", "quadratic-drag");
+    check(&rig, "quadratic-drag:coefficient_n_s2_per_m2=0.06", "quadratic-drag", &["climb-040", "hop"]);
 }
 
 #[test]
@@ -176,7 +191,7 @@ fn counts_at_5_hz_are_identified_then_diagnosed() {
     rig.control.position_gain_per_s = 0.4;
     rig.control.speed_gain_per_s = 0.8;
     rig.control.integral_gain_per_s2 = 0.3;
-    check(&rig, "thrust-loss:fraction=0.15", "thrust-loss");
+    check(&rig, "thrust-loss:fraction=0.15", "thrust-loss", &MISSIONS);
 }
 
 #[test]
@@ -185,7 +200,7 @@ fn volts_through_half_a_second_are_identified_then_diagnosed() {
     rig.control.position_gain_per_s = 0.4;
     rig.control.speed_gain_per_s = 0.8;
     rig.control.integral_gain_per_s2 = 0.3;
-    check(&rig, "tracker-latency:extra_s=0.15", "tracker-latency");
+    check(&rig, "tracker-latency:extra_s=0.15", "tracker-latency", &MISSIONS);
 }
 
 #[test]

@@ -63,6 +63,9 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
         refused => format!("nothing identified, nothing written; not used:\n{}", refused.join("\n")),
     })?;
     found.warnings = refused;
+    if let Some(name) = arguments.output.file_stem() {
+        found.rig.name = name.to_string_lossy().into_owned();
+    }
     let text = file(&found, arguments);
     // What is written must be a rig.
     Rig::read(&arguments.output, &text).context("what was identified makes no rig; nothing written")?;
@@ -83,8 +86,9 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
 /// The rig file: how it was made, then the rig.
 fn file(found: &FlightIdentification, arguments: &FlightArguments) -> String {
     let mut out = format!(
-        "# {}: identified by `bench identify flight` from {}, with\n# {} as prior. A sigma covers the spread between flights.\n",
+        "# {}: identified by `bench identify flight{}` from {},\n# with {} as prior. A sigma covers the spread between flights.\n",
         found.rig.name,
+        arguments.selection.options(),
         words::count(found.flights.len() as u64, "flight"),
         arguments.rig.display(),
     );

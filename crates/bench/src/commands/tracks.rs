@@ -40,6 +40,16 @@ fn altitude(text: &str) -> Result<f64, String> {
 }
 
 impl Selection {
+    /// What was asked for beside the flights, as on the command line.
+    pub fn options(&self) -> String {
+        let above = self.above.map(|above_m| format!(" --above {above_m}"));
+        let without = self
+            .without
+            .iter()
+            .filter_map(|channel| Some(format!(" --without {}", channel.to_possible_value()?.get_name())));
+        above.into_iter().chain(without).collect()
+    }
+
     /// Reads the flights; those that cannot be used are told in words.
     pub fn tracks(&self, rig: &Rig) -> anyhow::Result<(Vec<Track>, Vec<String>)> {
         let (mut tracks, mut refused) = (Vec::new(), Vec::new());
