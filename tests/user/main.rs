@@ -6,6 +6,7 @@ mod diagnose;
 mod figures;
 mod frames;
 mod hil;
+mod identify;
 mod import;
 mod record;
 mod sim;

@@ -51,6 +51,7 @@ enum Command {
     RecordFrames(commands::record_frames::Arguments),
     Track(commands::track::Arguments),
     Calibrate(commands::calibrate::Arguments),
+    Identify(commands::identify::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -66,6 +67,7 @@ fn main() -> std::process::ExitCode {
         Command::Import(arguments) => commands::import::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
+        Command::Identify(arguments) => commands::identify::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),

@@ -10,7 +10,7 @@ use crate::{
     fit::{Fit, Problem},
     gap::{Gap, gap},
     groups::{SAME, cosines},
-    law::NUISANCES,
+    law::Point,
     next_flight::{NextFlight, close},
     pass::Axis,
     region::Regions,
@@ -211,6 +211,9 @@ const SET_PROBABILITY: f64 = 0.9;
 impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
+        let levelled = problem.levelled();
+        let tracks = levelled.as_deref().unwrap_or(problem.tracks);
+        let problem = &Problem { tracks, nominal: problem.nominal.clone(), ..*problem };
         let search = Search::of(problem);
         let direct = direct(problem.tracks, problem.rig);
         let weighed = Weighed::of(problem, &search, &direct, calibration);
@@ -292,6 +295,11 @@ impl Diagnosis {
                 _ => continue,
             };
             *value = six_digits(number.fitted);
+        }
+        if let Some(hover) = self.numbers_with_effect.iter().find(|number| number.name == "thrust_hover") {
+            // The gain is what carries the weight there.
+            let a = &mut rig.airframe;
+            a.thrust.gain_n_per_unit.value = six_digits(a.weight_n() / (hover.fitted - a.thrust.offset.value));
         }
         for effect in &self.effects {
             let own = told.parameters.iter().filter(|p| p.effect == *effect);
@@ -382,11 +390,12 @@ fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
 }
 
 fn numbers(problem: &Problem<'_>, null: &Fit) -> Vec<Number> {
-    (0..NUISANCES.len())
+    let names = Point::names(problem.rig);
+    (0..names.len())
         .filter(|i| problem.sigma[*i] > 0.0)
         .map(|i| {
             let (nominal, fitted) = (problem.nominal.nuisances[i], null.point.nuisances[i]);
-            Number { name: NUISANCES[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
+            Number { name: names[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
         })
         .collect()
 }

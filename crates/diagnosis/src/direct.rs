@@ -72,7 +72,7 @@ const FORM_SHARE: f64 = 0.3;
 /// Fewest neighbours under the same command that show the readback's noise.
 const LEAST_NEIGHBOURS: usize = 10;
 /// Median of a normal's magnitude over its deviation.
-const MEDIAN_OF_NORMAL: f64 = 0.6745;
+pub(crate) const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);

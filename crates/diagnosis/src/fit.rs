@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Point},
-    pass::{Direction, Noise, PROBES, Pass, run},
+    pass::{Direction, Noise, PROBES, Pass, fly_track, run},
     random,
     track::Track,
 };
@@ -134,6 +134,12 @@ const WORTH: f64 = 0.05;
 /// No coordinate moves by more prior deviations at once.
 const LONGEST_STEP: f64 = 2.0;
 
+/// Noise of flights is levelled on a grid of its logarithm, so often: once with numbers fitted to flights as they are, once
+/// with numbers fitted to levelled ones.
+const LEVEL_STEP: f64 = 0.1;
+const LEVEL_STEPS: i32 = 25;
+const LEVEL_ROUNDS: usize = 2;
+
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
 
@@ -157,24 +163,63 @@ impl<'a> Problem<'a> {
         let (nominal, sigma) = Point::nominal(rig);
         let rounding = rig.tracker.resolution_m / 12_f64.sqrt();
         let noise = Noise {
-            acceleration: 0.004,
-            trim_walk: 0.004,
-            trim: 0.05,
-            turbulence: 0.022,
-            turbulence_time_s: 0.7,
+            acceleration: rig.disturbance.white_m_s2_per_root_hz.unwrap_or(0.004),
+            trim_walk: rig.disturbance.trim_walk_m_s2_per_root_s.unwrap_or(0.004),
+            trim: rig.disturbance.trim_m_s2.unwrap_or(0.05),
+            turbulence: rig.disturbance.turbulence_m_s2.unwrap_or(0.022),
+            turbulence_time_s: rig.disturbance.turbulence_time_s.unwrap_or(0.7),
             sighting_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),
-            jitter_s: 0.0,
-            outlier_probability: 0.0,
-            outlier_m: 0.0,
+            jitter_s: rig.disturbance.timing_s.unwrap_or(0.0),
+            outlier_probability: rig.disturbance.outlier_probability.unwrap_or(0.0),
+            outlier_m: rig.disturbance.outlier_m.unwrap_or(0.0),
             stale_probability: 0.0,
         };
         Self { tracks, rig, nominal, sigma, noise }
     }
 
+    /// How much stronger each flight's noise is than the rig says, as natural logarithms, where the rig says that flights
+    /// differ (`noise_spread_ln`): found at a fit, by the prior that this spread is.
+    pub fn level(&self, fit: &Fit) -> Vec<f64> {
+        let Some(spread) = self.rig.disturbance.noise_spread_ln else { return vec![0.0; self.tracks.len()] };
+        let noise = fit.full_noise(self);
+        self.tracks
+            .par_iter()
+            .map(|track| {
+                let objective = |ln: f64| {
+                    let track_noise = noise.times((ln - track.ln_noise).exp());
+                    fly_track(track, self.rig, &fit.point, &track_noise, &[]).nll
+                        + 0.5 * (ln / spread).powi(2)
+                };
+                let steps = (-LEVEL_STEPS..=LEVEL_STEPS).map(|k| LEVEL_STEP * f64::from(k));
+                steps
+                    .map(|ln| (objective(ln), ln))
+                    .min_by(|a, b| a.0.total_cmp(&b.0))
+                    .map_or(0.0, |(_, ln)| ln)
+            })
+            .collect()
+    }
+
+    /// The flights with their noise levelled, where the rig says that it differs from flight to flight.
+    pub(crate) fn levelled(&self) -> Option<Vec<Track>> {
+        self.rig.disturbance.noise_spread_ln?;
+        let mut tracks = self.tracks.to_vec();
+        for _ in 0..LEVEL_ROUNDS {
+            let problem = Problem { tracks: &tracks, nominal: self.nominal.clone(), ..*self };
+            let levels = problem.level(&problem.fit_null());
+            for (track, ln) in tracks.iter_mut().zip(levels) {
+                track.ln_noise = ln;
+            }
+        }
+        Some(tracks)
+    }
+
     /// The null hypothesis: the rig's numbers within their tolerances, no effect. It also finds for how long the
-    /// turbulence of these flights remembers, which all other hypotheses take over.
+    /// turbulence of these flights remembers, unless the rig says so, which all other hypotheses take over.
     pub fn fit_null(&self) -> Fit {
         let fit = self.refine(self.nominal.clone(), self.noise);
+        if self.rig.disturbance.turbulence_time_s.is_some() {
+            return fit;
+        }
         let with = |turbulence_time_s: f64| Noise { turbulence_time_s, ..fit.noise };
         let objective = |time_s: f64| {
             self.objective(&fit.point, &with(time_s), &fit.free)
@@ -328,6 +373,11 @@ impl<'a> Problem<'a> {
         let noise_step = self.noise_step(&noise, &pass);
         let objective = pass.nll + self.prior(&point, &noise, free);
         Look { point, noise, pass, hessian, gradient, noise_step, objective }
+    }
+
+    /// Log-likelihood of all flights, but for constants.
+    pub fn log_likelihood(&self, point: &Point, noise: &Noise) -> f64 {
+        -run(self.tracks, self.rig, point, &random::added(point, noise, self.rig), &[]).nll
     }
 
     /// Negative log-posterior at a point, but for constants.

@@ -24,6 +24,10 @@ pub const NUISANCES: [&str; 8] = [
     "tracker_bias_m",
 ];
 
+/// Index of the thrust's gain among the nuisances: of the throttle that hovers, where the rig knows that.
+pub const GAIN: usize = 1;
+/// Index of the thrust's offset.
+pub const OFFSET: usize = 2;
 /// Index of the latency among the nuisances.
 pub const LATENCY: usize = 6;
 /// Index of the tracker's origin.
@@ -78,13 +82,39 @@ impl Point {
         // No rig says so, and every tracker has it: the origin is not known to a fraction of the resolution.
         let bias = (0.2 * rig.tracker.resolution_m).max(LEAST_BIAS_M);
         let with = |[a, b, c, d, e, f, g]: [f64; 7], last: f64| [a, b, c, d, e, f, g, last];
-        let values = with(all.map(|x| x.value), 0.0);
-        (Self { nuisances: values, effects: Vec::new(), known: known(rig) }, with(all.map(|x| x.sigma), bias))
+        let mut values = with(all.map(|x| x.value), 0.0);
+        let mut sigma = with(all.map(|x| x.sigma), bias);
+        if let Some(hover_sigma) = a.thrust.hover_sigma {
+            values[GAIN] = a.throttle_for(a.weight_n());
+            sigma[GAIN] = hover_sigma;
+        }
+        (Self { nuisances: values, effects: Vec::new(), known: known(rig) }, sigma)
+    }
+
+    /// Names of the nuisances of a rig.
+    pub fn names(rig: &Rig) -> [&'static str; 8] {
+        let mut names = NUISANCES;
+        if rig.airframe.thrust.hover_sigma.is_some() {
+            names[GAIN] = "thrust_hover";
+        }
+        names
     }
 
     /// All effects that act: the rig's own, then the hypothesis'.
     pub fn acting(&self) -> impl Iterator<Item = &(usize, Vec<f64>)> {
         self.known.iter().chain(&self.effects)
+    }
+
+    /// The thrust gain, N per unit of throttle: where a rig says how well the throttle that hovers is known, that which
+    /// carries the weight there.
+    pub fn gain_n_per_unit(&self, rig: &Rig) -> f64 {
+        let n = &self.nuisances;
+        if rig.airframe.thrust.hover_sigma.is_none() {
+            return n[GAIN];
+        }
+        // Never at or below the offset: a fit may try what no rig may say.
+        let range = n[GAIN] - n[OFFSET];
+        n[0] * GRAVITY_M_S2 / range.max(1e-3 * n[GAIN].abs()).max(f64::MIN_POSITIVE)
     }
 
     /// The value at a coordinate.
@@ -129,8 +159,8 @@ impl Law {
         let n = &point.nuisances;
         let mut airframe = rig.airframe.clone();
         airframe.mass_kg.value = n[0];
-        airframe.thrust.gain_n_per_unit.value = n[1];
-        airframe.thrust.offset.value = n[2];
+        airframe.thrust.offset.value = n[OFFSET];
+        airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
         airframe.ground_effect.multiplier.value = n[3];
         airframe.ground_effect.height_m.value = n[4];
         airframe.drag_n_s_per_m.value = n[5];

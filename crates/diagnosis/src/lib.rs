@@ -32,9 +32,11 @@ pub use diagnose::{
     RegionTold, Verdict,
 };
 pub use direct::Finding;
-pub use fit::Problem;
+pub use fit::{Fit, Free, Problem};
 pub use gap::{Consistency, Figure, FlightGap, Gap, KStep};
 pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
+pub use law::{BIAS, Coordinate, GAIN, LATENCY, OFFSET, Point};
+pub use pass::{Noise, Pass, TrackPass};
 pub use smooth::Trace;
 pub use stage::StageShare;
 pub use track::{Input, Sighting, Track, TrackError};

@@ -511,7 +511,7 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
     plant.tracker.dropout_probability = 0.0;
     let n = &point.nuisances;
     plant.airframe.mass_kg.value = n[0];
-    plant.airframe.thrust.gain_n_per_unit.value = n[1];
+    plant.airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
     plant.airframe.thrust.offset.value = n[2];
     plant.airframe.ground_effect.multiplier.value = n[3];
     plant.airframe.ground_effect.height_m.value = n[4];

@@ -35,6 +35,19 @@ pub struct Noise {
     pub stale_probability: f64,
 }
 
+impl Noise {
+    /// The same noise, stronger by a factor: what a flight keeps is no noise.
+    pub(crate) fn times(&self, factor: f64) -> Self {
+        Self {
+            acceleration: self.acceleration * factor,
+            turbulence: self.turbulence * factor,
+            sighting_m: self.sighting_m * factor,
+            outlier_m: self.outlier_m * factor,
+            ..*self
+        }
+    }
+}
+
 /// Something whose small change the innovations feel.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Direction {
@@ -269,8 +282,8 @@ enum Source {
     Seen(Seen),
 }
 
-struct Filter<'a> {
-    noise: &'a Noise,
+struct Filter {
+    noise: Noise,
     law: Law,
     twins: Vec<Twin>,
     probes: Vec<Probe>,
@@ -278,6 +291,9 @@ struct Filter<'a> {
     standing: bool,
     last_z_m: Option<f64>,
     step_m: f64,
+    /// Whether the airframe is carried, and where and when it was last seen so.
+    carried: bool,
+    carried_at: Option<(f64, f64)>,
     /// Where asked for: what was known at each sighting, and the transition since the last.
     knots: Option<(Vec<Knot>, Covariance)>,
     next_fork_s: f64,
@@ -340,8 +356,9 @@ fn initial_covariance(noise: &Noise) -> Covariance {
     p
 }
 
-impl<'a> Filter<'a> {
-    fn new(track: &Track, rig: &Rig, point: &Point, noise: &'a Noise, directions: &[Direction]) -> Self {
+impl Filter {
+    fn new(track: &Track, rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> Self {
+        let noise = noise.times(track.ln_noise.exp());
         let twins = directions
             .iter()
             .map(|direction| {
@@ -371,13 +388,15 @@ impl<'a> Filter<'a> {
             around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
             ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
             offset: rig.airframe.thrust.offset.value,
-            p: initial_covariance(noise),
+            p: initial_covariance(&noise),
             // Without directions only the likelihood is asked for.
-            probes: if directions.is_empty() { Vec::new() } else { Probe::around(noise).to_vec() },
+            probes: if directions.is_empty() { Vec::new() } else { Probe::around(&noise).to_vec() },
             forks: Vec::new(),
             standing: true,
             last_z_m: None,
             step_m: rig.tracker.resolution_m.max(1e-4),
+            carried: false,
+            carried_at: None,
             next_fork_s: track.begin_s + SETTLE_S,
             knots: None,
             noise,
@@ -392,6 +411,7 @@ impl<'a> Filter<'a> {
         let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
         let late = self.law.latency_s - rig.tracker.latency_s.value;
         for sighting in &track.sightings {
+            self.carried = sighting.carried;
             let at = sighting.exposed_s - late;
             while now < at {
                 let edge = track.inputs.get(input + 1).map_or(f64::INFINITY, |next| next.time_s);
@@ -410,7 +430,11 @@ impl<'a> Filter<'a> {
                     input += 1;
                 }
             }
-            self.see(sighting, track.timing_s);
+            if self.carried {
+                self.carry(sighting);
+            } else {
+                self.see(sighting, track.timing_s);
+            }
         }
         let n = self.row.len();
         let mut information = DMatrix::zeros(n, n);
@@ -432,13 +456,14 @@ impl<'a> Filter<'a> {
         self.law.hold(h, throttle);
         self.law.advance(h, z, v);
         let a0 = self.law.acceleration_m_s2(z, v);
+        if self.carried {
+            self.hold_twins(h, throttle);
+            return;
+        }
         if z <= 0.0 && v <= 0.0 && a0 + b + w <= 0.0 {
             // Standing: the effects' states still move on.
+            self.hold_twins(h, throttle);
             for twin in &mut self.twins {
-                if let Source::Law(law, _) = &mut twin.source {
-                    law.hold(h, throttle);
-                    law.advance(h, z, v);
-                }
                 twin.sensitivity[0] = 0.0;
                 twin.sensitivity[1] = 0.0;
             }
@@ -468,7 +493,7 @@ impl<'a> Filter<'a> {
             kept,
         };
         let near = z < NEAR_GROUND_M;
-        spread(&mut self.p, &f, h, near, self.noise);
+        spread(&mut self.p, &f, h, near, &self.noise);
         for probe in &mut self.probes {
             spread(&mut probe.p, &f, h, near, &probe.noise);
             probe.aside = f.apply(probe.aside);
@@ -536,6 +561,53 @@ impl<'a> Filter<'a> {
         }
     }
 
+    /// Moves the effects' states of the laws aside on, where the airframe does not follow them.
+    fn hold_twins(&mut self, h: f64, throttle: f64) {
+        let [z, v, ..] = self.x;
+        for twin in &mut self.twins {
+            if let Source::Law(law, _) = &mut twin.source {
+                law.hold(h, throttle);
+                law.advance(h, z, v);
+            }
+        }
+    }
+
+    /// Takes the airframe to be where it is seen. What a flight keeps, its trim, is kept; the rest begins anew.
+    fn carry(&mut self, sighting: &Sighting) {
+        let (factor, offset) = self.law.scale;
+        let z = ((sighting.z_m - offset) / factor).max(0.0);
+        let speed = self.carried_at.replace((sighting.exposed_s, z)).map_or(0.0, |(time_s, from)| {
+            let since_s = sighting.exposed_s - time_s;
+            if (1e-4..SPEED_WITHIN_S).contains(&since_s) { (z - from) / since_s } else { 0.0 }
+        });
+        let v = speed.clamp(-CARRIED_M_S, CARRIED_M_S);
+        self.x = [z, v, self.x[2], 0.0];
+        self.standing = false;
+        begin_anew(&mut self.p, &self.noise);
+        for probe in &mut self.probes {
+            begin_anew(&mut probe.p, &probe.noise);
+            probe.aside = [0.0, 0.0, probe.aside[2], 0.0];
+        }
+        self.forks.clear();
+        self.next_fork_s = sighting.exposed_s + SETTLE_S;
+        for twin in &mut self.twins {
+            let sensitivity = match &twin.source {
+                // Whatever is believed of tracker and latency, it was seen here.
+                Source::Law(law, inverse_step) => {
+                    let later_s = law.latency_s - self.law.latency_s;
+                    let seen = law.scale.0 * z + law.scale.1 - (factor * z + offset);
+                    (later_s * v - seen / factor) * inverse_step
+                }
+                Source::Hat(_) | Source::Wave(..) | Source::Seen(_) => 0.0,
+            };
+            twin.sensitivity = [sensitivity, 0.0, twin.sensitivity[2], 0.0];
+        }
+        if let Some((_, since)) = &mut self.knots {
+            // Nothing that comes later tells of what was before.
+            *since = [[0.0; 4]; 4];
+        }
+    }
+
     fn look_around(&mut self, h: f64, throttle: f64) {
         let around = &mut self.around;
         around.ratio = (self.ratio_per_unit * (throttle - self.offset)).max(0.0);
@@ -579,7 +651,7 @@ impl<'a> Filter<'a> {
             *out = factor * twin.sensitivity[0] + shift;
         }
         self.last_z_m = Some(sighting.z_m);
-        let (nll, s, weight) = seen.score(&self.p, self.noise, residual);
+        let (nll, s, weight) = seen.score(&self.p, &self.noise, residual);
         if sighting.counts {
             self.pass.nll += nll;
             let mut first = 0;
@@ -653,7 +725,7 @@ impl<'a> Filter<'a> {
     }
 }
 
-impl Filter<'_> {
+impl Filter {
     /// Holds a sighting against the predictions under way.
     fn predict(&mut self, sighting: &Sighting, residual: f64, factor: f64) {
         for fork in &mut self.forks {
@@ -704,6 +776,21 @@ fn spread(p: &mut Covariance, f: &Transition, h: f64, near_ground: bool, noise: 
     let p22 = p[2][2] + noise.trim_walk.powi(2) * h;
     let p33 = p[3][3] * f.kept * f.kept + noise.turbulence.powi(2) * (1.0 - f.kept * f.kept);
     *p = [[p00, p01, p02, p03], [p01, p11, p12, p13], [p02, p12, p22, p23], [p03, p13, p23, p33]];
+}
+
+/// Spread of the vertical speed of an airframe that was carried, m/s.
+const CARRIED_M_S: f64 = 0.7;
+/// Its speed is taken from sightings so close, s.
+const SPEED_WITHIN_S: f64 = 0.3;
+
+/// What is known of an airframe that is where it was seen.
+fn begin_anew(p: &mut Covariance, noise: &Noise) {
+    let trim = p[2][2];
+    *p = [[0.0; 4]; 4];
+    p[0][0] = noise.sighting_m.powi(2);
+    p[1][1] = CARRIED_M_S.powi(2);
+    p[2][2] = trim;
+    p[3][3] = noise.turbulence.powi(2);
 }
 
 /// What touching the ground leaves of a covariance.

@@ -34,11 +34,11 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
         match LIBRARY[*effect].name {
             "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
             "tracker-dropout" => noise.stale_probability = values[0],
-            "tracker-jitter" => noise.jitter_s = values[0],
+            "tracker-jitter" => noise.jitter_s = noise.jitter_s.hypot(values[0]),
             // Wrong places are few, and far off against the noise: else it is noise.
             "tracker-outliers" => {
-                noise.outlier_probability = values[0].min(MOST_OUTLIERS);
-                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.sighting_m);
+                noise.outlier_probability = (noise.outlier_probability + values[0]).min(MOST_OUTLIERS);
+                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.sighting_m).max(noise.outlier_m);
             }
             // How full the battery was before the flight is not known.
             "battery-discharge" => {

@@ -6,7 +6,10 @@ use bench_recording::Flight;
 use bench_rig::Rig;
 use thiserror::Error;
 
-use crate::{direct::readback_sigma, law::known};
+use crate::{
+    direct::{MEDIAN_OF_NORMAL, readback_sigma},
+    law::known,
+};
 
 /// The sticks' throttle from an instant on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +32,8 @@ pub struct Sighting {
     /// Whether it is held against a prediction: not so for a while after the airframe came back to the ground, whose
     /// contact no law here describes.
     pub counts: bool,
+    /// Whether the airframe is taken to be where it is seen, without any law: [`Track::above`].
+    pub carried: bool,
 }
 
 /// The part of a flight that can be predicted: from the first throttle that may lift off to the last.
@@ -46,6 +51,10 @@ pub struct Track {
     pub end_s: f64,
     /// One sigma of the exposures' times, s.
     pub timing_s: f64,
+    /// Natural logarithm of how much stronger this flight's noise is than the others': [`Problem::level`].
+    ///
+    /// [`Problem::level`]: crate::Problem::level
+    pub ln_noise: f64,
     /// Throttle as asked for and as read back, an iteration each; empty without readback.
     pub pins: Vec<Pin>,
     /// By how much iterations started late, s.
@@ -107,7 +116,9 @@ pub enum TrackError {
         unit: &'static str,
     },
     /// Too little to say anything.
-    #[error("{flight}: only {sightings} positions while the rotors turned; at least {least} are needed")]
+    #[error(
+        "{flight}: only {sightings} positions in flight, while the rotors turned; at least {least} are needed"
+    )]
     TooShort {
         /// The flight.
         flight: String,
@@ -138,20 +149,42 @@ impl Track {
         if inputs.is_empty() {
             return Err(TrackError::NoCommands { flight: flight_name() });
         }
-        let held = holds_newest_frame(flight);
-        let clock = if held { None } else { FrameClock::of(flight, rig) };
+        let dense = denser_than_frames(flight, rig);
+        let held = dense.is_none() && holds_newest_frame(flight);
+        // What is thought of the latency now, beyond what was thought when exposures were reckoned from arrivals.
+        let believed_s = latency_when_recorded_s(flight).unwrap_or(rig.tracker.latency_s.value);
+        let later_s = rig.tracker.latency_s.value - believed_s;
+        let clock = if held || dense.is_some() { None } else { FrameClock::of(flight, rig, believed_s) };
         let mut sightings: Vec<_> = flight
             .positions
             .iter()
             .enumerate()
             .filter(|(_, position)| usable(position))
             .map(|(i, position)| Sighting {
-                exposed_s: clock.as_ref().map_or(position.exposed_at.seconds(), |clock| clock.exposed_s[i]),
-                believed_s: position.exposed_at.seconds(),
+                exposed_s: clock.as_ref().map_or(position.exposed_at.seconds(), |clock| clock.exposed_s[i])
+                    - later_s,
+                believed_s: position.exposed_at.seconds() - later_s,
                 z_m: position.position_m[2],
                 counts: true,
+                carried: false,
             })
             .collect();
+        if dense.is_some() {
+            let tears = tears(&sightings);
+            for (from_s, to_s) in tears {
+                let first = sightings.partition_point(|s| s.exposed_s < from_s);
+                let last = sightings.partition_point(|s| s.exposed_s <= to_s);
+                sightings[first..last].iter_mut().for_each(|s| s.carried = true);
+            }
+            let mut next_s = f64::MIN;
+            sightings.retain(|s| {
+                let due = s.exposed_s >= next_s;
+                if due {
+                    next_s = s.exposed_s + DUE * rig.tracker.frame_period_s;
+                }
+                due
+            });
+        }
         if sightings.is_empty() {
             return Err(TrackError::NoPositions { flight: flight_name() });
         }
@@ -163,20 +196,23 @@ impl Track {
             return Err(TrackError::NeverFlew { flight: flight_name(), offset, unit });
         };
         let end_s = inputs.get(last + 1).map_or_else(|| end_of(flight), |next| next.time_s);
-        let timing_s = if held { rig.tracker.frame_period_s / 12_f64.sqrt() } else { 0.0 };
+        // A row of a log holds what was newest when it was written.
+        let waited_s = if held { rig.tracker.frame_period_s } else { dense.unwrap_or(0.0) };
+        let timing_s = waited_s / 12_f64.sqrt();
         let (waits_s, bursts, frames_told) =
             clock.map_or_else(Default::default, |clock| (clock.waits_s, clock.bursts, clock.told));
         // Chosen once, by the tracker's own times, so that every hypothesis is held against the same sightings.
         let begin_s = inputs[first].time_s;
         sightings.retain(|s| (begin_s - BEFORE_S..=end_s).contains(&s.exposed_s));
         mask_contacts(&mut sightings, begin_s);
-        let track = Self {
+        Self {
             name: flight_name(),
             begin_s,
             end_s,
             inputs,
             sightings,
             timing_s,
+            ln_noise: 0.0,
             pins,
             late_s: late_inputs_s(flight),
             lateness_s: lateness_s(flight),
@@ -186,16 +222,45 @@ impl Track {
             frames_told,
             bursts,
             waits_s,
-        };
-        let seen = track.sightings.iter().filter(|s| s.counts).count();
-        if seen < LEAST_SIGHTINGS {
-            return Err(TrackError::TooShort {
-                flight: flight_name(),
-                sightings: seen,
-                least: LEAST_SIGHTINGS,
-            });
         }
-        Ok(track)
+        .check()
+    }
+}
+
+/// A stretch above an altitude counts if it lasts so long, s.
+const LEAST_STRETCH_S: f64 = 1.0;
+
+impl Track {
+    /// The same flight, predicted only where it is above an altitude with the rotors turning. Below, the airframe is
+    /// taken to be where it is seen, and its effects' states move on with the throttle. For flights whose take-off and
+    /// landing no law here describes: by hand, on soft ground, one after another, or by sightings that wander on the
+    /// ground.
+    pub fn above(mut self, above_m: f64, rig: &Rig) -> Result<Self, TrackError> {
+        let offset = rig.airframe.thrust.offset.value;
+        let mut inputs = self.inputs.iter().peekable();
+        let mut turning = false;
+        for sighting in &mut self.sightings {
+            while let Some(input) = inputs.next_if(|input| input.time_s <= sighting.exposed_s) {
+                turning = input.throttle > offset;
+            }
+            sighting.carried |= !turning || sighting.z_m < above_m;
+        }
+        for stretch in self.sightings.chunk_by_mut(|a, b| a.carried == b.carried) {
+            let lasted_s = stretch[stretch.len() - 1].exposed_s - stretch[0].exposed_s;
+            for sighting in stretch {
+                sighting.carried |= lasted_s < LEAST_STRETCH_S;
+                sighting.counts = !sighting.carried;
+            }
+        }
+        self.check()
+    }
+
+    fn check(self) -> Result<Self, TrackError> {
+        let seen = self.sightings.iter().filter(|s| s.counts).count();
+        if seen < LEAST_SIGHTINGS {
+            return Err(TrackError::TooShort { flight: self.name, sightings: seen, least: LEAST_SIGHTINGS });
+        }
+        Ok(self)
     }
 }
 
@@ -342,13 +407,12 @@ const LEAST_FRAMES: usize = 30;
 impl FrameClock {
     /// Finds the clock in a flight's arrivals: intervals near whole multiples of the frame period. `None` where frames
     /// keep none.
-    fn of(flight: &Flight, rig: &Rig) -> Option<Self> {
+    fn of(flight: &Flight, rig: &Rig, latency_s: f64) -> Option<Self> {
         let period_s = rig.tracker.frame_period_s;
         let arrived: Vec<f64> = flight.positions.iter().map(|p| p.arrived_at.seconds()).collect();
         if arrived.len() < LEAST_FRAMES || period_s <= 0.0 {
             return None;
         }
-        let latency_s = rig.tracker.latency_s.value;
         let numbers = frame_numbers(&arrived, period_s);
         // A line through arrival over number; the mean wait is part of it.
         let n = arrived.len() as f64;
@@ -457,6 +521,62 @@ fn holds_newest_frame(flight: &Flight) -> bool {
     2 * together > flight.positions.len()
 }
 
+/// A log whose rows are closer than this share of the tracker's frame period holds more rows than frames.
+const DENSE: f64 = 0.6;
+/// The next frame is taken after this share of the period: rows need not fall on its multiples.
+const DUE: f64 = 0.95;
+
+/// Time between two rows of a log that holds more rows than the rig's tracker gives independent positions: repeated,
+/// interpolated, or estimates that follow one another.
+fn denser_than_frames(flight: &Flight, rig: &Rig) -> Option<f64> {
+    let mut gaps: Vec<f64> =
+        flight.positions.windows(2).map(|pair| pair[1].exposed_at.since_s(pair[0].exposed_at)).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied().filter(|median| *median < DENSE * rig.tracker.frame_period_s)
+}
+
+/// Time over which a dense log's speeds are compared, s.
+const TEAR_S: f64 = 0.05;
+/// Sightings do not count for so long before and after a tear, s.
+const AROUND_TEAR_S: (f64, f64) = (0.05, 0.15);
+/// A tear is so many deviations of what is usual in the flight, and no less than this acceleration, m/s^2.
+const TEAR_SIGMAS: f64 = 8.0;
+const LEAST_TEAR_M_S2: f64 = 3.0;
+
+/// When a dense log's altitude jumps as no airframe does: an estimator on board whose range sensor meets an edge, or that
+/// loses its fix. The airframe does not move, its origin does: after it the flight is followed anew.
+fn tears(sightings: &[Sighting]) -> Vec<(f64, f64)> {
+    let at = |time_s: f64| {
+        let after = sightings.partition_point(|s| s.exposed_s < time_s - 1e-6);
+        sightings.get(after).filter(|s| s.exposed_s < time_s + 0.5 * TEAR_S)
+    };
+    let kinks: Vec<(f64, f64)> = sightings
+        .iter()
+        .filter_map(|middle| {
+            let (before, after) = (at(middle.exposed_s - TEAR_S)?, at(middle.exposed_s + TEAR_S)?);
+            let slope = |a: &Sighting, b: &Sighting| (b.z_m - a.z_m) / (b.exposed_s - a.exposed_s);
+            (before.exposed_s < middle.exposed_s && middle.exposed_s < after.exposed_s)
+                .then(|| (middle.exposed_s, (slope(middle, after) - slope(before, middle)) / TEAR_S))
+        })
+        .collect();
+    let mut sizes: Vec<f64> = kinks.iter().map(|(_, kink)| kink.abs()).filter(|kink| *kink > 0.0).collect();
+    sizes.sort_by(f64::total_cmp);
+    let usual = sizes.get(sizes.len() / 2).map_or(0.0, |median| median / MEDIAN_OF_NORMAL);
+    let least = LEAST_TEAR_M_S2.max(TEAR_SIGMAS * usual);
+    let (before_s, after_s) = AROUND_TEAR_S;
+    let torn = kinks.iter().filter(|(_, kink)| kink.abs() > least);
+    torn.map(|(time_s, _)| (time_s - before_s, time_s + after_s)).collect()
+}
+
+/// By which latency a recording's exposures were reckoned from arrivals, where it says so.
+fn latency_when_recorded_s(flight: &Flight) -> Option<f64> {
+    if let Some(text) = flight.session.extra.get("import.latency_s") {
+        return text.parse().ok().filter(|x: &f64| x.is_finite());
+    }
+    let rig = Rig::read(std::path::Path::new("recording"), flight.rig_toml()?).ok()?;
+    Some(rig.tracker.latency_s.value)
+}
+
 /// Leaves out what follows a return to the ground.
 fn mask_contacts(sightings: &mut [Sighting], begin_s: f64) {
     let mut flown = false;
@@ -466,7 +586,7 @@ fn mask_contacts(sightings: &mut [Sighting], begin_s: f64) {
         if flown && sighting.z_m < LANDED_M && sighting.exposed_s > begin_s {
             until_s = sighting.exposed_s + AFTER_CONTACT_S;
         }
-        sighting.counts = sighting.exposed_s > until_s;
+        sighting.counts = !sighting.carried && sighting.exposed_s > until_s;
     }
 }
 

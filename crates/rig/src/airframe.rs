@@ -69,6 +69,10 @@ pub struct Thrust {
     pub gain_n_per_unit: Uncertain,
     /// Throttle at which thrust begins, in units of throttle.
     pub offset: Uncertain,
+    /// One sigma of the throttle that hovers, in units of throttle, where flights have told it. Flights tell it much
+    /// better than gain and offset, which make up for each other; where it is known, the gain is what carries the
+    /// weight at that throttle, and the gain's own tolerance tells nothing more.
+    pub hover_sigma: Option<f64>,
 }
 
 /// Thrust multiplier `1 + (multiplier - 1) max(0, 1 - z/height)` (paper, section 3.4, figure 10).
@@ -149,6 +153,8 @@ impl Airframe {
             let range = Range::above(0.0, 1e6);
             v.uncertain(&format!("gain_n_per_{unit}"), range, &mut self.thrust.gain_n_per_unit);
             v.uncertain(&format!("offset_{unit}"), Range::closed(-1e6, 1e6), &mut self.thrust.offset);
+            let hover_sigma = &mut self.thrust.hover_sigma;
+            v.maybe(&format!("hover_sigma_{unit}"), Range::above(0.0, 1e6), hover_sigma);
         });
         v.table("ground_effect", |v| {
             v.uncertain("multiplier", Range::closed(1.0, 3.0), &mut self.ground_effect.multiplier);

@@ -31,6 +31,8 @@ pub struct Rig {
     pub safety: Safety,
     /// How the camera sees, where frames are looked at.
     pub calibration: Option<Calibration>,
+    /// What disturbs a nominal flight.
+    pub disturbance: Disturbance,
     /// Effects added to the nominal model, in the order of the file.
     pub effects: Vec<EffectEntry>,
 }
@@ -136,6 +138,32 @@ pub struct Control {
     pub tilt_max_rad: f64,
     /// Yaw rate per radian of heading error, 1/s.
     pub heading_gain_per_s: f64,
+}
+
+/// What disturbs a nominal flight, as far as it was measured (`bench identify flight`). The diagnosis holds flights
+/// against it; where a number is absent it takes that of a small quadcopter in calm air.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Disturbance {
+    /// One sigma of the turbulence's vertical acceleration, m/s^2.
+    pub turbulence_m_s2: Option<f64>,
+    /// For how long it remembers, s.
+    pub turbulence_time_s: Option<f64>,
+    /// One sigma of the acceleration that a flight keeps and the next has not, m/s^2: batteries, trims, sensors warm
+    /// or cold.
+    pub trim_m_s2: Option<f64>,
+    /// Random walk of that acceleration within a flight, m/s^2 per root s.
+    pub trim_walk_m_s2_per_root_s: Option<f64>,
+    /// White acceleration, m/s^2 per root Hz: what is faster than turbulence.
+    pub white_m_s2_per_root_hz: Option<f64>,
+    /// One sigma of the exposures' times, s: sightings are the worse the faster the airframe.
+    pub timing_s: Option<f64>,
+    /// Share of sightings that show a wrong place.
+    pub outlier_probability: Option<f64>,
+    /// One sigma of wrong places about the right one, m; needed with `outlier_probability`.
+    pub outlier_m: Option<f64>,
+    /// One sigma of the natural logarithm by which noise of tracker and air differs from flight to flight; absent: it
+    /// does not.
+    pub noise_spread_ln: Option<f64>,
 }
 
 /// When to stop a flight.
@@ -301,6 +329,20 @@ impl Rig {
             v.number("tracker_timeout_s", Range::above(0.0, 60.0), &mut safety.tracker_timeout_s);
             v.number("flight_time_max_s", Range::above(0.0, 3600.0), &mut safety.flight_time_max_s);
             v.integer("overrun_streak", 1, 10_000, &mut safety.overrun_streak);
+        });
+        v.maybe_table("disturbance", |v| {
+            let d = &mut self.disturbance;
+            let acceleration = Range::above(0.0, 100.0);
+            v.maybe("turbulence_m_s2", acceleration, &mut d.turbulence_m_s2);
+            v.maybe("turbulence_time_s", Range::closed(0.01, 100.0), &mut d.turbulence_time_s);
+            v.maybe("trim_m_s2", acceleration, &mut d.trim_m_s2);
+            let walk = &mut d.trim_walk_m_s2_per_root_s;
+            v.maybe("trim_walk_m_s2_per_root_s", acceleration, walk);
+            v.maybe("white_m_s2_per_root_hz", acceleration, &mut d.white_m_s2_per_root_hz);
+            v.maybe("timing_s", Range::closed(0.0, 1.0), &mut d.timing_s);
+            v.maybe("outlier_probability", Range::closed(0.0, 0.5), &mut d.outlier_probability);
+            v.maybe("outlier_m", Range::above(0.0, 10.0), &mut d.outlier_m);
+            v.maybe("noise_spread_ln", Range::above(0.0, 3.0), &mut d.noise_spread_ln);
         });
     }
 

@@ -69,6 +69,8 @@ pub trait Visitor {
     fn points(&mut self, key: &str, range: Range, value: &mut Vec<[f64; 2]>, default: Option<f64>);
     /// A table within the table.
     fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self));
+    /// An optional table: not visited where it is absent, not written where nothing stands in it.
+    fn maybe_table(&mut self, key: &str, visit: impl FnOnce(&mut Self));
 }
 
 /// A TOML value with its line.
@@ -441,6 +443,12 @@ impl Visitor for Reader<'_, '_> {
             self.within(key, node, visit);
         }
     }
+
+    fn maybe_table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+        if let Some(node) = self.get(key) {
+            self.within(key, node, visit);
+        }
+    }
 }
 
 /// Prints tables as TOML. Scalars of a table must be visited before its sub-tables.
@@ -529,5 +537,18 @@ impl Visitor for Writer {
         let outer = std::mem::replace(&mut self.prefix, prefix);
         visit(self);
         self.prefix = outer;
+    }
+
+    fn maybe_table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+        let before = self.out.len();
+        self.table(key, |_| ());
+        let begun = self.out.len();
+        let prefix = if self.prefix.is_empty() { key.to_owned() } else { format!("{}.{key}", self.prefix) };
+        let outer = std::mem::replace(&mut self.prefix, prefix);
+        visit(self);
+        self.prefix = outer;
+        if self.out.len() == begun {
+            self.out.truncate(before);
+        }
     }
 }

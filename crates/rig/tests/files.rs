@@ -156,3 +156,18 @@ fn a_profile_steps_ramps_and_holds() {
     let falling = text.replace("[3, 0.8]", "[0, 0.8]");
     assert!(Mission::read(Path::new("m.toml"), &falling).is_err());
 }
+
+#[test]
+fn what_disturbs_a_flight_is_optional_and_reads_back() {
+    let mut rig = Rig::load(rigs().join("virtual.toml")).unwrap();
+    assert!(!rig.to_toml().contains("disturbance"));
+    rig.disturbance.trim_m_s2 = Some(0.1);
+    rig.disturbance.noise_spread_ln = Some(0.4);
+    rig.airframe.thrust.hover_sigma = Some(0.02);
+    let text = rig.to_toml();
+    assert!(
+        text.contains("[disturbance]\ntrim_m_s2 = 0.1\n") && text.contains("hover_sigma_v = 0.02"),
+        "{text}"
+    );
+    assert_eq!(Rig::read(Path::new("copy.toml"), &text).unwrap(), rig);
+}

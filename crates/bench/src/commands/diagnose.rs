@@ -4,7 +4,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Diagnosis, MARK, NextFlight, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, MARK, NextFlight, Problem, Verdict};
 use bench_plant::effects::resolve_all;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
@@ -13,6 +13,7 @@ use clap::Args;
 
 use crate::{
     calibration::{self, Missions},
+    commands::tracks::Selection,
     diagnosis::{
         page::{Made, page},
         terminal::in_words,
@@ -28,6 +29,7 @@ use crate::{
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --html diagnosis.html
   bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
   bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
+  bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
   bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
 
 Probabilities come from a calibration: one for this rig and these missions if --calibrate made it before,
@@ -40,9 +42,8 @@ The rig is the nominal model with its tolerances. All flights must be of one air
 more and richer flights (launches, steps, descents, low hover) tell more. docs/diagnosis.md has the method,
 and what it does not do yet.")]
 pub struct Arguments {
-    /// Recordings of flights
-    #[arg(required = true)]
-    flights: Vec<PathBuf>,
+    #[command(flatten)]
+    selection: Selection,
     /// Nominal model with tolerances
     #[arg(long, default_value = files::DEFAULT_RIG)]
     rig: PathBuf,
@@ -76,18 +77,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     resolve_all(&rig.effects)?;
     let between = between(arguments)?;
     let mut missions = Vec::new();
-    let (mut tracks, mut warnings, mut carried) = (Vec::new(), Vec::new(), Vec::new());
-    for path in &arguments.flights {
-        let flight = Flight::load(path)?;
+    let mut carried = Vec::new();
+    let (tracks, mut warnings) = arguments.selection.tracks(&rig, |path, flight| {
         carried.push(flight.mission_toml().map(str::to_owned));
-        match Track::from_flight(&path.display().to_string(), &flight, &rig) {
-            Ok(track) => tracks.push(track),
-            Err(error) => warnings.push(error.to_string()),
-        }
         // Only what is compared with a next flight.
         let mission = flight.mission_toml().and_then(|text| Mission::read(path, text).ok());
         missions.extend(mission.filter(|mission| !missions.contains(mission)));
-    }
+    })?;
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }

@@ -5,7 +5,7 @@ use std::{fs::File, path::Path};
 use bench_device::Time;
 use bench_rig::Rig;
 
-use super::{ImportMap, ImportReport};
+use super::{ImportMap, ImportReport, map::Setting};
 use crate::{Mode, Options, Record, Recorder, RecordingError, Session, partial::PartialFile};
 
 /// A recording under a temporary name until it is whole.
@@ -65,6 +65,10 @@ fn session(log: &Path, map: &ImportMap, rig: Option<&Rig>, origin_ns: i128) -> S
         ("import.map_toml".to_owned(), map.text.clone()),
         ("import.time_offset_s".to_owned(), seconds(origin_ns)),
     ]);
+    // Where the rig gave it, the rig says so.
+    if let Setting::Given(latency_s) = map.latency {
+        session.extra.insert("import.latency_s".to_owned(), latency_s.to_string());
+    }
     if map.has_sticks() {
         session.extra.insert("import.actuation".to_owned(), map.actuation.unit().to_owned());
     }

@@ -1,0 +1,120 @@
+//! What is refused: flights and rigs of which no number could be believed.
+
+use bench_diagnosis::{Fit, GAIN, Noise, OFFSET, Point, Problem, Track};
+use bench_rig::{GRAVITY_M_S2, Rig};
+
+use crate::error::{Contradiction, IdentifyError};
+
+/// Fewest flights that show how flights differ.
+const LEAST_FLIGHTS: usize = 3;
+/// Seen above this, it flies, m.
+const AIRBORNE_M: f64 = 0.03;
+/// So many times the rig's ceiling is no altitude.
+const ABSURD_CEILINGS: f64 = 50.0;
+/// Mean thrust over weight of a flight that is neither falling nor shot up lies between these.
+const RATIOS: (f64, f64) = (0.4, 2.5);
+/// Least variation of the throttle, % of the range from offset to hover.
+const LEAST_VARIATION_PERCENT: f64 = 0.15;
+/// The stretches that tell which way thrust goes lie above this, m.
+const CLEAR_OF_GROUND_M: f64 = 0.1;
+/// Thrust must fall with throttle by so many nats to be told.
+const PLAINLY_NATS: f64 = 10.0;
+/// A number so many tolerances away is none that the tolerance allows for.
+const FAR_SIGMAS: f64 = 5.0;
+/// What a model may leave: an acceleration of a fifth of gravity, sightings off by ten centimetres.
+const MOST_TURBULENCE: f64 = 0.2 * GRAVITY_M_S2;
+const MOST_SIGHTING_M: f64 = 0.1;
+
+/// Checks flights against the rig before anything is fitted.
+pub fn before(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
+    if tracks.len() < LEAST_FLIGHTS {
+        return Err(IdentifyError::TooFewFlights { usable: tracks.len(), least: LEAST_FLIGHTS });
+    }
+    let mut ratios = Vec::new();
+    for track in tracks {
+        let height_m = track.sightings.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
+        if height_m > ABSURD_CEILINGS * rig.safety.ceiling_m {
+            let ceiling_m = rig.safety.ceiling_m;
+            return Err(IdentifyError::Altitude { flight: track.name.clone(), height_m, ceiling_m });
+        }
+        if height_m < AIRBORNE_M {
+            return Err(IdentifyError::NeverAirborne { flight: track.name.clone(), height_m: AIRBORNE_M });
+        }
+        ratios.extend(airborne_throttles(track, AIRBORNE_M).map(|u| ratio(rig, u)));
+    }
+    let n = ratios.len().max(1) as f64;
+    let mean = ratios.iter().sum::<f64>() / n;
+    if !(RATIOS.0..RATIOS.1).contains(&mean) {
+        let hint = match mean {
+            x if (300.0..3000.0).contains(&x) => ", as if a number were too large by 1000",
+            x if (0.0003..0.003).contains(&x) => ", as if a number were too small by 1000",
+            _ => "",
+        };
+        return Err(IdentifyError::Thrust { ratio: mean, hint });
+    }
+    let percent = 100.0 * (ratios.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt() / mean;
+    if percent < LEAST_VARIATION_PERCENT {
+        return Err(IdentifyError::ConstantThrottle { percent, least_percent: LEAST_VARIATION_PERCENT });
+    }
+    which_way(tracks, rig)
+}
+
+fn ratio(rig: &Rig, throttle: f64) -> f64 {
+    let thrust = &rig.airframe.thrust;
+    thrust.gain_n_per_unit.value * (throttle - thrust.offset.value) / rig.airframe.weight_n()
+}
+
+/// Throttle at each sighting above a height.
+fn airborne_throttles(track: &Track, above_m: f64) -> impl Iterator<Item = f64> + '_ {
+    let seen = track.sightings.iter().filter(move |s| s.counts && s.z_m > above_m);
+    seen.filter_map(|s| {
+        let after = track.inputs.partition_point(|input| input.time_s <= s.exposed_s);
+        Some(track.inputs[after.checked_sub(1)?].throttle)
+    })
+}
+
+/// Refuses flights in which thrust falls with the throttle: two laws that differ in the sign of the slope alone, both
+/// through the weight at the mean throttle, each with as much freedom to be off.
+fn which_way(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
+    let mut plain = rig.clone();
+    plain.airframe.thrust.hover_sigma = None;
+    let clear: Vec<Track> =
+        tracks.iter().filter_map(|track| track.clone().above(CLEAR_OF_GROUND_M, &plain).ok()).collect();
+    let throttles: Vec<f64> =
+        clear.iter().flat_map(|track| airborne_throttles(track, CLEAR_OF_GROUND_M)).collect();
+    if throttles.is_empty() {
+        return Ok(());
+    }
+    let mean = throttles.iter().sum::<f64>() / throttles.len() as f64;
+    let problem = Problem::new(&clear, &plain);
+    let noise = Noise { turbulence: 0.3, trim: 1.0, trim_walk: 0.05, ..problem.noise };
+    let likelihood = |way: f64| {
+        let gain = way * plain.airframe.thrust.gain_n_per_unit.value;
+        let mut point: Point = problem.nominal.clone();
+        point.nuisances[GAIN] = gain;
+        point.nuisances[OFFSET] = mean - plain.airframe.weight_n() / gain;
+        problem.log_likelihood(&point, &noise)
+    };
+    let nats = likelihood(-1.0) - likelihood(1.0);
+    if nats > PLAINLY_NATS { Err(IdentifyError::ThrustFalls { nats }) } else { Ok(()) }
+}
+
+/// Checks a fit against the rig's tolerances.
+pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
+    if fit.noise.turbulence > MOST_TURBULENCE || fit.noise.sighting_m > MOST_SIGHTING_M {
+        return Err(IdentifyError::Unexplained {
+            turbulence_m_s2: fit.noise.turbulence,
+            sighting_m: fit.noise.sighting_m,
+        });
+    }
+    let names = Point::names(problem.rig);
+    let far: Vec<Contradiction> = (0..names.len())
+        .filter(|i| problem.sigma[*i] > 0.0)
+        .map(|i| {
+            let (nominal, fitted) = (problem.nominal.nuisances[i], fit.point.nuisances[i]);
+            Contradiction { name: names[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
+        })
+        .filter(|number| number.sigmas.abs() > FAR_SIGMAS)
+        .collect();
+    if far.is_empty() { Ok(()) } else { Err(IdentifyError::Contradicts(far)) }
+}
