@@ -27,7 +27,8 @@ fn a_rig_is_identified_written_and_used() {
     );
 
     // It is a rig: it flies, and the flights show no gap against it.
-    let flown = scratch.fly("again.mcap", &["--rig", &out, "--model", "vertical"]);
+    let mission = "rigs/missions/climb-040.toml";
+    let flown = scratch.fly("again.mcap", &["--rig", &out, "--model", "vertical", "--mission", mission]);
     assert!(std::fs::metadata(flown).unwrap().len() > 0);
     let report = json(&bench(["diagnose", "--json", "--rig", &out]).args(&flights).assert().success());
     assert_eq!(report["verdict"], "none", "{report:#}");

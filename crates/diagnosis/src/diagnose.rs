@@ -299,7 +299,8 @@ impl Diagnosis {
         if let Some(hover) = self.numbers_with_effect.iter().find(|number| number.name == "thrust_hover") {
             // The gain is what carries the weight there.
             let a = &mut rig.airframe;
-            a.thrust.gain_n_per_unit.value = six_digits(a.weight_n() / (hover.fitted - a.thrust.offset.value));
+            a.thrust.gain_n_per_unit.value =
+                six_digits(a.weight_n() / (hover.fitted - a.thrust.offset.value));
         }
         for effect in &self.effects {
             let own = told.parameters.iter().filter(|p| p.effect == *effect);

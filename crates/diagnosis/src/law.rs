@@ -44,7 +44,7 @@ const LEAST_BIAS_M: f64 = 5e-4;
 /// A point of the parameter space: the nominal numbers, and effects of the library with their values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// Values of [`NUISANCES`].
+    /// Values of the numbers that [`Point::names`] names, in its order.
     pub nuisances: [f64; 8],
     /// Library index and values in the order of the spec.
     pub effects: Vec<(usize, Vec<f64>)>,
@@ -55,7 +55,7 @@ pub struct Point {
 /// One coordinate of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coordinate {
-    /// One of [`NUISANCES`].
+    /// One of a point's nuisances.
     Nuisance(usize),
     /// Parameter of one of the point's effects.
     Effect {

@@ -34,8 +34,8 @@ pub use diagnose::{
 pub use direct::Finding;
 pub use fit::{Fit, Free, Problem};
 pub use gap::{Consistency, Figure, FlightGap, Gap, KStep};
-pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
 pub use law::{BIAS, Coordinate, GAIN, LATENCY, OFFSET, Point};
+pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
 pub use pass::{Noise, Pass, TrackPass};
 pub use smooth::Trace;
 pub use stage::StageShare;

@@ -70,13 +70,15 @@ pub enum IdentifyError {
     Contradicts(Vec<Contradiction>),
     /// The fit explains next to nothing.
     #[error(
-        "the model does not describe these flights: what it leaves is an acceleration of {turbulence_m_s2:.1} m/s^2 and sightings off by {sighting_m:.3} m (one sigma); are they vertical flights of one airframe? Parts that are not can be left out, below an altitude with --above"
+        "the model does not describe these flights: what it leaves is an acceleration of {turbulence_m_s2:.1} m/s^2 and sightings off by {sighting_m:.3} m (one sigma), {outlier_percent:.0} % of them wrong; are they vertical flights of one airframe? Stretches near the ground can be left out with --above, a channel that is another signal with --without"
     )]
     Unexplained {
         /// What acts besides the model.
         turbulence_m_s2: f64,
         /// How far off sightings are.
         sighting_m: f64,
+        /// Share of sightings at wrong places, %.
+        outlier_percent: f64,
     },
 }
 
@@ -101,5 +103,5 @@ impl fmt::Display for Contradiction {
 }
 
 fn listed(all: &[Contradiction]) -> String {
-    all.iter().map(|one| format!("\n  {one}")).collect()
+    all.iter().fold(String::new(), |text, one| format!("{text}\n  {one}"))
 }

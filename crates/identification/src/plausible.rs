@@ -21,9 +21,10 @@ const CLEAR_OF_GROUND_M: f64 = 0.1;
 const PLAINLY_NATS: f64 = 10.0;
 /// A number so many tolerances away is none that the tolerance allows for.
 const FAR_SIGMAS: f64 = 5.0;
-/// What a model may leave: an acceleration of a fifth of gravity, sightings off by ten centimetres.
+/// What a model may leave: an acceleration of a fifth of gravity, sightings off by ten centimetres, one in ten wrong.
 const MOST_TURBULENCE: f64 = 0.2 * GRAVITY_M_S2;
 const MOST_SIGHTING_M: f64 = 0.1;
+const MOST_OUTLIERS: f64 = 0.1;
 
 /// Checks flights against the rig before anything is fitted.
 pub fn before(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
@@ -101,10 +102,15 @@ fn which_way(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
 
 /// Checks a fit against the rig's tolerances.
 pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
-    if fit.noise.turbulence > MOST_TURBULENCE || fit.noise.sighting_m > MOST_SIGHTING_M {
+    let noise = &fit.noise;
+    let plain = noise.turbulence < MOST_TURBULENCE
+        && noise.sighting_m < MOST_SIGHTING_M
+        && noise.outlier_probability < MOST_OUTLIERS;
+    if !plain {
         return Err(IdentifyError::Unexplained {
-            turbulence_m_s2: fit.noise.turbulence,
-            sighting_m: fit.noise.sighting_m,
+            turbulence_m_s2: noise.turbulence,
+            sighting_m: noise.sighting_m,
+            outlier_percent: 100.0 * noise.outlier_probability,
         });
     }
     let names = Point::names(problem.rig);

@@ -51,7 +51,11 @@ impl Selection {
     }
 
     /// Reads the flights, each shown to `look`; those that cannot be used are told in words.
-    pub fn tracks(&self, rig: &Rig, mut look: impl FnMut(&Path, &Flight)) -> anyhow::Result<(Vec<Track>, Vec<String>)> {
+    pub fn tracks(
+        &self,
+        rig: &Rig,
+        mut look: impl FnMut(&Path, &Flight),
+    ) -> anyhow::Result<(Vec<Track>, Vec<String>)> {
         let (mut tracks, mut refused) = (Vec::new(), Vec::new());
         for path in &self.flights {
             let mut flight = Flight::load(path)?;
