@@ -61,11 +61,11 @@ pub struct Track {
     pub lateness_s: Vec<f64>,
     /// The same of each of `inputs`, against the usual; zero where it is not known.
     pub late_s: Vec<f64>,
-    /// Cosine of the tilt from each instant [s] on; empty where attitude was not measured.
+    /// Cosine of the tilt from each instant, s, on; empty where attitude was not measured.
     pub tilt: Vec<(f64, f64)>,
-    /// Voltage of the battery from each instant [s] on, V; empty where it was not measured.
+    /// Voltage of the battery from each instant, s, on, V; empty where it was not measured.
     pub voltage: Vec<(f64, f64)>,
-    /// Mean square speed of the rotors from each instant [s] on, rad^2/s^2; empty where it was not measured.
+    /// Mean square speed of the rotors from each instant, s, on, rad^2/s^2; empty where it was not measured.
     pub rotor: Vec<(f64, f64)>,
     /// How many frames came, as far as frames have a clock.
     pub frames_told: usize,
