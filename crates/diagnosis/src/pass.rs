@@ -167,7 +167,7 @@ pub struct Innovation {
 pub struct Pass {
     /// Negative log-likelihood.
     pub nll: f64,
-    /// The same with other noise: [`PROBES`]. Only where there are directions.
+    /// The same with other noise: `PROBES`. Only where there are directions.
     pub noise_nll: [f64; 4],
     /// Gradient of the log-likelihood.
     pub gradient: DVector<f64>,
@@ -197,7 +197,7 @@ pub struct TrackPass {
     pub information: DMatrix<f64>,
     /// Every innovation that counts.
     pub innovations: Vec<Innovation>,
-    /// Squared errors of predictions over each of [`HORIZONS_S`] from the filtered state, m^2, with their number.
+    /// Squared errors of predictions over each of the horizons from the filtered state, m^2, with their number.
     pub predictions: [(f64, u32); 3],
     /// What was known at each sighting; only where a trace was asked for.
     pub knots: Vec<Knot>,
