@@ -7,10 +7,10 @@ use bench_rig::{Model, Rig};
 
 use crate::bench::rig;
 
-/// Reads a rig file with these lines at its end; the first of them is line 101.
+/// Reads a rig file with these lines at its end; the first of them is line 201.
 fn ask(lines: &str) -> Result<Effects, EffectError> {
     let mut text = rig(Model::Vertical).to_toml();
-    let padding = 100 - text.lines().count();
+    let padding = 200 - text.lines().count();
     text += &"\n".repeat(padding);
     text += lines;
     Effects::from_rig(&Rig::read(Path::new("rigs/mine.toml"), &text).unwrap(), 1)
@@ -29,7 +29,7 @@ fn an_effect_of_a_rig_file_acts() {
 #[test]
 fn an_unknown_effect_is_pointed_at_with_the_nearest_name() {
     let text = complaint("[[effect]]\nname = \"rotr-lag\"\ntime_constant_s = 0.05\n");
-    assert!(text.contains("rigs/mine.toml:101") && text.contains("did you mean rotor-lag?"), "{text}");
+    assert!(text.contains("rigs/mine.toml:201") && text.contains("did you mean rotor-lag?"), "{text}");
     let text = complaint("[[effect]]\nname = \"zzz\"\n");
     assert!(LIBRARY.iter().all(|spec| text.contains(spec.name)), "{text}");
 }
@@ -37,21 +37,21 @@ fn an_unknown_effect_is_pointed_at_with_the_nearest_name() {
 #[test]
 fn an_unknown_parameter_is_pointed_at_with_how_to_write_it() {
     let text = complaint("[[effect]]\nname = \"rotor-lag\"\ntime_constant_s = 0.05\ntau = 1\n");
-    assert!(text.contains("rigs/mine.toml:104") && text.contains("`tau`"), "{text}");
+    assert!(text.contains("rigs/mine.toml:204") && text.contains("`tau`"), "{text}");
     assert!(text.contains("rotor-lag:time_constant_s=0.05"), "{text}");
 }
 
 #[test]
 fn a_missing_parameter_is_named_with_meaning_and_unit() {
     let text = complaint("[[effect]]\nname = \"battery-load\"\nsag = 0.05\n");
-    assert!(text.contains("rigs/mine.toml:101") && text.contains("`time_constant_s`"), "{text}");
+    assert!(text.contains("rigs/mine.toml:201") && text.contains("`time_constant_s`"), "{text}");
     assert!(text.contains("time constant of sag and recovery, s"), "{text}");
 }
 
 #[test]
 fn a_value_out_of_range_is_told_with_the_range() {
     let text = complaint("[[effect]]\nname = \"thrust-loss\"\nfraction = 5\n");
-    assert!(text.contains("rigs/mine.toml:103") && text.ends_with("expected -0.5 to 0.9"), "{text}");
+    assert!(text.contains("rigs/mine.toml:203") && text.ends_with("expected -0.5 to 0.9"), "{text}");
     let text = complaint("[[effect]]\nname = \"updraft\"\nspeed_m_s = 50\n");
     assert!(text.ends_with("expected -20 to 20 m/s"), "{text}");
 }
@@ -60,7 +60,7 @@ fn a_value_out_of_range_is_told_with_the_range() {
 fn an_effect_asked_for_twice_is_refused() {
     let one = "[[effect]]\nname = \"thrust-loss\"\nfraction = 0.1\n";
     let text = complaint(&format!("{one}{one}"));
-    assert!(text.contains("rigs/mine.toml:104") && text.contains("thrust-loss is given twice"), "{text}");
+    assert!(text.contains("rigs/mine.toml:204") && text.contains("thrust-loss is given twice"), "{text}");
 }
 
 #[test]
