@@ -87,16 +87,19 @@ impl<R: Read> RecordStream<R> {
     }
 }
 
+/// A chunk record, its head made again.
+pub(crate) type ChunkReader<B> = io::Chain<io::Cursor<[u8; RECORD_HEAD as usize]>, io::Cursor<B>>;
+
 /// The records within a chunk, given only when its checksum holds. `body` is the chunk record's content.
-pub(crate) fn records_of_chunk(body: &[u8]) -> RecordStream<impl Read> {
+pub(crate) fn records_of_chunk<B: AsRef<[u8]>>(body: B) -> RecordStream<ChunkReader<B>> {
     let mut head = [0; RECORD_HEAD as usize];
     head[0] = op::CHUNK;
-    head[1..].copy_from_slice(&(body.len() as u64).to_le_bytes());
+    head[1..].copy_from_slice(&(body.as_ref().len() as u64).to_le_bytes());
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true);
-    RecordStream::new(io::Cursor::new(head).chain(body), options)
+    RecordStream::new(io::Cursor::new(head).chain(io::Cursor::new(body)), options)
 }
 
 /// Reads a record's content.
@@ -131,6 +134,8 @@ pub(crate) struct Summary {
     pub channels: Vec<records::Channel>,
     pub attachments: Vec<records::AttachmentIndex>,
     pub metadata: Vec<records::MetadataIndex>,
+    /// Where the chunks begin, in their order.
+    pub chunks: Vec<u64>,
 }
 
 impl Container {
@@ -243,6 +248,7 @@ impl Summary {
             Record::Channel(channel) => self.channels.push(channel),
             Record::AttachmentIndex(index) => self.attachments.push(index),
             Record::MetadataIndex(index) => self.metadata.push(index),
+            Record::ChunkIndex(index) => self.chunks.push(index.chunk_start_offset),
             _ => {}
         }
     }

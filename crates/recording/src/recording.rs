@@ -6,14 +6,14 @@ use std::{
 
 use bench_device::Time;
 use mcap::{
-    McapError,
-    records::{self, Record as McapRecord},
+    MAGIC, McapError,
+    records::{self, Record as McapRecord, op},
     sans_io::LinearReaderOptions,
 };
 
 use crate::{
     Channel, Info, Record, RecordingError, Session, codec,
-    container::{self, Container, RecordStream},
+    container::{self, ChunkReader, Container, RecordStream},
     info::Survey,
 };
 
@@ -65,10 +65,17 @@ impl Recording {
 }
 
 /// The records of a recording, one by one. Memory is bounded by the largest chunk, not by the file. A chunk gives its
-/// records only if its checksum holds. Ends after the first error.
+/// records only if its checksum holds and none that the summary lists before it is missing. Ends after the first error.
 pub struct Records {
     path: PathBuf,
-    stream: RecordStream<BufReader<File>>,
+    /// The file's own records, chunks whole.
+    file: RecordStream<BufReader<File>>,
+    /// Where the file's next record begins.
+    offset: u64,
+    /// Where the chunks to come begin, the next one last; `None` if the file has no summary.
+    chunks: Option<Vec<u64>>,
+    /// The records of the chunk that is being read.
+    chunk: Option<RecordStream<ChunkReader<Vec<u8>>>>,
     body: Vec<u8>,
     /// By MCAP channel; topics that hold no records are absent.
     channels: Vec<Option<Channel>>,
@@ -78,13 +85,20 @@ pub struct Records {
 impl Records {
     fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut container = Container::open(path)?;
+        let chunks = container.summary()?.map(|summary| {
+            let mut starts = summary.chunks;
+            starts.sort_unstable_by(|a, b| b.cmp(a));
+            starts
+        });
         container.rewind()?;
-        let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
-            .with_validate_data_section_crc(true);
+        let options =
+            LinearReaderOptions::default().with_emit_chunks(true).with_validate_data_section_crc(true);
         Ok(Self {
             path: container.path,
-            stream: RecordStream::new(container.file, options),
+            file: RecordStream::new(container.file, options),
+            offset: MAGIC.len() as u64,
+            chunks,
+            chunk: None,
             body: Vec::new(),
             channels: Vec::new(),
             past_data: false,
@@ -93,9 +107,9 @@ impl Records {
 
     /// The next record; `None` at the end.
     fn read(&mut self) -> Result<Option<Record>, RecordingError> {
-        while let Some(read) = self.stream.next(&mut self.body) {
-            let record = read.and_then(|opcode| container::parse(opcode, &self.body));
-            match record.map_err(|error| self.error(&error))? {
+        while let Some(opcode) = self.next_opcode().transpose()? {
+            let record = container::parse(opcode, &self.body).map_err(|error| self.error(&error))?;
+            match record {
                 McapRecord::Channel(channel) if !self.past_data => {
                     remember(&mut self.channels, &channel);
                 }
@@ -114,6 +128,47 @@ impl Records {
         Ok(None)
     }
 
+    /// The opcode of the next record, of a chunk or of the file, with its content in `body`.
+    fn next_opcode(&mut self) -> Option<Result<u8, RecordingError>> {
+        loop {
+            if let Some(chunk) = &mut self.chunk {
+                match chunk.next(&mut self.body) {
+                    Some(Ok(opcode)) => return Some(Ok(opcode)),
+                    Some(Err(error)) => return Some(Err(self.error(&error))),
+                    None => self.chunk = None,
+                }
+            }
+            let opcode = match self.file.next(&mut self.body)? {
+                Ok(opcode) => opcode,
+                Err(error) => return Some(Err(self.error(&error))),
+            };
+            if let Err(error) = self.expect_chunk(opcode == op::CHUNK) {
+                return Some(Err(error));
+            }
+            self.offset += container::RECORD_HEAD + self.body.len() as u64;
+            if opcode != op::CHUNK {
+                return Some(Ok(opcode));
+            }
+            self.chunk = Some(container::records_of_chunk(std::mem::take(&mut self.body)));
+        }
+    }
+
+    /// Refuses a file in which a chunk does not stand where the summary says: a damaged head would otherwise hide a whole
+    /// chunk until the checksum at the end, after the records that follow it were given.
+    fn expect_chunk(&mut self, is_chunk: bool) -> Result<(), RecordingError> {
+        let Some(chunks) = &mut self.chunks else { return Ok(()) };
+        let due = chunks.last().copied();
+        if is_chunk && due == Some(self.offset) {
+            chunks.pop();
+        } else if is_chunk || due.is_some_and(|due| due <= self.offset) {
+            return Err(RecordingError::Damaged {
+                path: self.path.clone(),
+                detail: format!("the record at byte {} is not what the summary lists there", self.offset),
+            });
+        }
+        Ok(())
+    }
+
     fn error(&self, error: &McapError) -> RecordingError {
         match error {
             McapError::UnexpectedEof => RecordingError::Unfinished { path: self.path.clone() },
@@ -128,7 +183,8 @@ impl Iterator for Records {
     fn next(&mut self) -> Option<Self::Item> {
         let next = self.read().transpose();
         if matches!(next, Some(Err(_))) {
-            self.stream.end();
+            self.file.end();
+            self.chunk = None;
         }
         next
     }

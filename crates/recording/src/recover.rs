@@ -1,5 +1,5 @@
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs::{self, File},
     io::{self, BufWriter},
     path::Path,
@@ -16,7 +16,7 @@ use crate::{
     container::{self, Container, RecordStream},
     layout::{ChannelKey, Layout},
     partial::PartialFile,
-    session::{END_METADATA, RECOVERED, SESSION_METADATA},
+    session::{END_METADATA, RECOVERED, RecordedSession, SESSION_METADATA},
     writer::library,
 };
 
@@ -36,7 +36,8 @@ pub struct RecoverReport {
     pub attachments: Vec<String>,
     /// Metadata records got back, by name.
     pub metadata: Vec<String>,
-    /// Chunks and other records whose content contradicts its checksum or the format.
+    /// Chunks and other records whose content contradicts its checksum or the format, and chunks that the summary lists
+    /// and that are not there.
     pub damaged_records: u64,
     /// Bytes after the last whole record.
     pub trailing_bytes: u64,
@@ -55,12 +56,14 @@ pub fn recover(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<Reco
     let (partial, file) = PartialFile::create(output)?;
     let mut salvage = Salvage::start(file, &mut container).map_err(|error| partial.error(error))?;
     let copied = salvage.copy_all(&mut container);
-    let has_session = salvage.has_session;
+    let session = salvage.session.take();
     let topics = salvage.definitions.topics();
     let (file, report) = salvage.finish(copied).map_err(|error| partial.error(error))?;
-    if !has_session {
+    let Some(session) = session else {
         return Err(RecordingError::NothingToRecover { path: input.to_owned(), channels: topics });
-    }
+    };
+    // What nobody could open again is not called recovered.
+    RecordedSession::from_metadata(input, &session)?;
     partial.complete(&file)?;
     Ok(report)
 }
@@ -87,10 +90,12 @@ impl Definitions {
 /// input goes into the report.
 struct Salvage {
     layout: Layout<BufWriter<File>>,
+    /// Where chunks begin that the summary lists and that were not met yet.
+    chunks: BTreeSet<u64>,
     definitions: Definitions,
     /// Channels of the output by their number.
     channels: BTreeMap<u16, ChannelKey>,
-    has_session: bool,
+    session: Option<BTreeMap<String, String>>,
     /// How the recorder ended the recording, if it did.
     end: BTreeMap<String, String>,
     report: RecoverReport,
@@ -100,6 +105,7 @@ impl Salvage {
     fn start(file: File, container: &mut Container) -> io::Result<Self> {
         let summary = container.summary();
         let closed = !matches!(summary, Err(RecordingError::Unfinished { .. }));
+        let mut chunks = BTreeSet::new();
         let mut definitions = Definitions::default();
         // The chunk that defines a channel may be damaged; the summary repeats the definition.
         if let Ok(Some(summary)) = summary {
@@ -109,12 +115,14 @@ impl Salvage {
             for channel in summary.channels {
                 definitions.channels.insert(channel.id, channel);
             }
+            chunks.extend(summary.chunks);
         }
         Ok(Self {
             layout: Layout::start(BufWriter::new(file), library())?,
+            chunks,
             definitions,
             channels: BTreeMap::new(),
-            has_session: false,
+            session: None,
             end: BTreeMap::new(),
             report: RecoverReport {
                 schema: "bench.recover/1",
@@ -142,7 +150,10 @@ impl Salvage {
         while let Some(read) = stream.next(&mut body) {
             match read {
                 Ok(op::DATA_END) => return Ok(()),
-                Ok(op::CHUNK) => self.copy_chunk(&body)?,
+                Ok(op::CHUNK) => {
+                    self.chunks.remove(&whole_bytes);
+                    self.copy_chunk(&body)?;
+                }
                 Ok(opcode) => self.copy_record(opcode, &body)?,
                 Err(error) => {
                     self.report.stopped_by = Some(error.to_string());
@@ -189,8 +200,10 @@ impl Salvage {
             self.end = metadata.metadata;
             return Ok(());
         }
-        self.has_session |= metadata.name == SESSION_METADATA;
         self.layout.add_metadata(&metadata)?;
+        if metadata.name == SESSION_METADATA {
+            self.session = Some(metadata.metadata);
+        }
         self.report.metadata.push(metadata.name);
         Ok(())
     }
@@ -238,6 +251,7 @@ impl Salvage {
         let (_, _, buffer) = self.layout.finish()?;
         let file = buffer.into_inner()?;
         let report = &mut self.report;
+        report.damaged_records += self.chunks.len() as u64;
         report.lost = report.damaged_records > 0 || report.trailing_bytes > 0 || report.stopped_by.is_some();
         Ok((file, self.report))
     }

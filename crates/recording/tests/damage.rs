@@ -120,6 +120,43 @@ proptest! {
     }
 }
 
+/// A chunk whose head is damaged may look like a record that a reader has to skip.
+#[test]
+fn a_chunk_with_a_damaged_head_is_missed_where_it_should_be() {
+    let whole = &*WHOLE;
+    let folder = tempdir().unwrap();
+    let chunk = &whole.chunks[2];
+    for (byte, bit) in (0..9).flat_map(|byte| (0..8).map(move |bit| (byte, bit))) {
+        let mut bytes = whole.bytes.clone();
+        bytes[chunk.start + byte] ^= 1 << bit;
+        let input = file(&folder, "head.mcap", &bytes);
+        let read: Vec<_> = Recording::open(&input).unwrap().records().unwrap().collect();
+        let (last, good) = read.split_last().unwrap();
+        assert!(last.is_err(), "byte {byte}, bit {bit}");
+        let good: Vec<_> = good.iter().map(|record| *record.as_ref().unwrap()).collect();
+        // With a wrong length, what the chunk's own checksum covers may still be whole.
+        let whole_chunks = [&whole.chunks[1], chunk].map(|chunk| chunk.records);
+        assert!(whole_chunks.contains(&good.len()), "byte {byte}, bit {bit}: {}", good.len());
+        assert!(good[..] == whole.records[..good.len()], "byte {byte}, bit {bit}");
+        let report = recover(&input, folder.path().join("recovered.mcap")).unwrap();
+        assert!(report.lost, "byte {byte}, bit {bit}: {report:?}");
+    }
+}
+
+#[test]
+fn a_session_that_nobody_could_read_is_not_recovered() {
+    let folder = tempdir().unwrap();
+    let mut bytes = WHOLE.bytes.clone();
+    let key = b"schema_version";
+    let at = bytes.windows(key.len()).position(|window| window == key).unwrap();
+    bytes[at] ^= 1;
+    let input = file(&folder, "session.mcap", &bytes);
+    let output = folder.path().join("recovered.mcap");
+    let error = recover(&input, &output).unwrap_err();
+    assert!(matches!(error, RecordingError::BadSession { key: "schema_version", .. }), "{error}");
+    assert!(!output.exists());
+}
+
 #[test]
 fn a_damaged_chunk_is_left_out_and_told() {
     let whole = &*WHOLE;
