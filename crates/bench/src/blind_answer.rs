@@ -121,6 +121,7 @@ mod tests {
             name: name.to_owned(),
             probability,
             evidence_gain: 0.0,
+            grounds: None,
             parameters,
         }
     }

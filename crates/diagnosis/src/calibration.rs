@@ -44,12 +44,12 @@ impl Calibration {
     /// 3001, without the kinds that it reserves), half of them as a log that holds the newest frame.
     pub fn built_in() -> Self {
         Self {
-            temperature: 3.0,
+            temperature: 3.3,
             doubt: 0.15,
             ln_prior_none: 0.0,
             ln_prior_single: -2.4,
-            ln_prior_pair: -5.0,
-            ln_prior_unknown: 0.1,
+            ln_prior_pair: -4.4,
+            ln_prior_unknown: -0.2,
             source: "built in".to_owned(),
             cases: 270,
         }

@@ -9,7 +9,7 @@ use crate::{
     direct::{Direct, Finding, direct},
     fit::{Fit, Problem},
     gap::{Gap, gap},
-    groups::{SAME, cosines},
+    groups::{cosines, same},
     law::Point,
     next_flight::{NextFlight, close},
     pass::Axis,
@@ -17,7 +17,7 @@ use crate::{
     search::{Search, fitted_effects},
     smooth::{Trace, traces},
     stage::{StageShare, stages},
-    weigh::{Hypothesis, Weighed},
+    weigh::{Grounds, Hypothesis, Weighed},
 };
 
 /// What a diagnosis says. As JSON it is `bench.diagnosis/1` (docs/diagnosis.md).
@@ -88,6 +88,9 @@ pub struct Candidate {
     pub probability: f64,
     /// Gain of log-evidence over `none`, nats.
     pub evidence_gain: f64,
+    /// That gain by kind of evidence, and what its laws leave; absent for `unknown`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grounds: Option<Grounds>,
     /// Its effects' parameters.
     pub parameters: Vec<ParameterValue>,
 }
@@ -164,6 +167,8 @@ pub struct Place {
     pub unexplained: f64,
     /// The same of the most plain frequency.
     pub unexplained_frequency: Frequency,
+    /// The same of thrust that is missing for moments.
+    pub unexplained_pulses: f64,
     /// The same of the readback.
     pub unexplained_readback: f64,
 }
@@ -203,8 +208,10 @@ pub struct FlightUsed {
     pub sightings: usize,
 }
 
-/// Sigmas of an interval of 90 %, widened by what a law of another form costs.
-const INTERVAL_SIGMAS: f64 = 1.645 * 1.4;
+/// Sigmas of an interval of 90 %, widened for sightings that are not quite independent.
+const INTERVAL_SIGMAS: f64 = 1.645 * 1.2;
+/// One sigma of what another form of a law makes of its parameters, as a fraction: learnt with the calibration.
+const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
 const SET_PROBABILITY: f64 = 0.9;
 
@@ -319,6 +326,9 @@ fn six_digits(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
+/// Pairs less probable are not told.
+const TOLD_PROBABILITY: f64 = 1e-4;
+
 fn candidates(weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = weighed
         .hypotheses
@@ -331,10 +341,11 @@ fn candidates(weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candid
         name: "unknown".to_owned(),
         probability: weighed.unknown,
         evidence_gain: weighed.unknown_gain,
+        grounds: None,
         parameters: Vec::new(),
     });
     all.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    all.retain(|candidate| candidate.probability > 1e-4 || candidate.effects.len() < 2);
+    all.retain(|candidate| candidate.probability > TOLD_PROBABILITY || candidate.effects.len() < 2);
     all
 }
 
@@ -342,7 +353,7 @@ fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct)
     let effects: Vec<&'static str> = h.effects.iter().map(|index| LIBRARY[*index].name).collect();
     let fit = &search.fits[h.fit];
     let mut parameters: Vec<ParameterValue> = fit
-        .effect_parameters(INTERVAL_SIGMAS)
+        .effect_parameters(INTERVAL_SIGMAS, FORM_SIGMA)
         .map(|(slot, parameter, value, [low, high])| {
             let spec = LIBRARY[fit.point.effects[slot].0];
             let p = spec.parameters[parameter];
@@ -354,7 +365,7 @@ fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct)
         // Read directly: nearer than what the flight tells.
         parameters.retain(|p| p.effect != spec.name);
         parameters.extend(spec.parameters.iter().zip(&found.values).map(|(p, value)| {
-            let half = INTERVAL_SIGMAS * (value * found.relative_sigma).abs();
+            let half = INTERVAL_SIGMAS * (value * found.relative_sigma.hypot(FORM_SIGMA)).abs();
             ParameterValue {
                 effect: spec.name,
                 name: p.key,
@@ -366,7 +377,7 @@ fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct)
         }));
     }
     let name = if effects.is_empty() { "none".to_owned() } else { effects.join("+") };
-    Candidate { name, effects, probability, evidence_gain: h.gain, parameters }
+    Candidate { name, effects, probability, evidence_gain: h.gain, grounds: Some(h.grounds), parameters }
 }
 
 fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
@@ -378,7 +389,7 @@ fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
         .flat_map(|fitted| {
             cosines(problem, null, fitted, &others)
                 .into_iter()
-                .filter(|(other, cosine)| *cosine > SAME && !best.effects().contains(other))
+                .filter(|(other, cosine)| *cosine > same(fitted.0, *other) && !best.effects().contains(other))
                 .map(|(other, cosine)| Likeness {
                     effect: LIBRARY[fitted.0].name,
                     like: LIBRARY[other].name,
@@ -433,20 +444,21 @@ fn place(
         .map(Stage::name);
     let best = &weighed.hypotheses[0];
     let on_best: &Regions = best.regions.as_ref().unwrap_or(&weighed.on_null);
-    let (hz, gain) = on_best.wave();
+    let (hz, gain) = weighed.waves_on_best.highest();
     Place {
         stage,
         stages: stages(problem, &search.fits[0], &search.fits[best.fit]),
         regions: told,
         structure: weighed.on_null.ceiling,
         frequencies: weighed
-            .on_null
-            .waves
+            .waves_on_null
+            .0
             .iter()
             .map(|(hz, gain)| Frequency { hz: *hz, gain: *gain })
             .collect(),
         unexplained: (on_best.ceiling - on_best.form).max(0.0),
         unexplained_frequency: Frequency { hz, gain },
+        unexplained_pulses: weighed.pulses,
         unexplained_readback: direct.unexplained_pins,
     }
 }

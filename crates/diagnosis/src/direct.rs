@@ -40,7 +40,7 @@ pub struct DirectEffect {
 /// A sentence of evidence.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// Channel: `readback`, `ticks`, `frames` or `arrivals`.
+    /// Channel: `readback`, `round trip`, `answers`, `ticks`, `frames` or `arrivals`.
     pub channel: &'static str,
     /// What was found.
     pub text: String,
@@ -54,6 +54,7 @@ fn library(name: &str) -> usize {
 pub fn direct(tracks: &[Track], rig: &Rig) -> Direct {
     let mut out = Direct::default();
     pins(tracks, rig, &mut out);
+    answers(tracks, rig, &mut out);
     ticks(tracks, &mut out);
     frames(tracks, rig, &mut out);
     arrivals(tracks, &mut out);
@@ -246,6 +247,29 @@ impl PinChannel<'_> {
         Some(PinLaw { effect: library("actuator-quantisation"), excess, values: vec![step / range] })
     }
 
+    /// The pin follows with a first-order lag, and is read on its way.
+    fn lag(&self) -> Option<PinLaw> {
+        let excess = |time_constant_s: f64| {
+            let left = |s: f64| (-s.max(0.0) / time_constant_s).exp();
+            // Where the pin was when it was told, what it was told, and when.
+            let (mut was, mut told, mut told_s) = (0.0, 0.0, 0.0);
+            self.all(|pin, first| {
+                let now_s = pin.time_s - pin.delay_s;
+                let held = if first { pin.asked } else { told + (was - told) * left(now_s - told_s) };
+                (was, told, told_s) = (held, pin.commanded, now_s);
+                told + (was - told) * left(pin.delay_s)
+            })
+        };
+        (0..60)
+            .map(|i| 0.003 * (0.5_f64 / 0.003).powf(f64::from(i) / 59.0))
+            .map(|time_constant_s| PinLaw {
+                effect: library("actuator-lag"),
+                excess: excess(time_constant_s),
+                values: vec![time_constant_s],
+            })
+            .min_by(|a, b| a.excess.total_cmp(&b.excess))
+    }
+
     /// Play: the pin is dragged along, or sticks and jumps.
     fn backlash(&self, jumps: bool) -> Option<PinLaw> {
         let sticks = &self.rig.airframe.sticks;
@@ -291,9 +315,11 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         return;
     }
     let all: Vec<Pin> = flights.iter().flat_map(|pins| pins.iter().copied()).collect();
-    let sigma = readback_sigma(&all, rig);
     let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
-    let step = if rig.output.bits == 0 { 0.0 } else { range / f64::from((1_u32 << rig.output.bits) - 1) };
+    let step = rig.output.step(&rig.airframe.sticks);
+    let noise = readback_sigma(&all, rig);
+    // Steps in places of their own are as good as noise.
+    let sigma = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise };
     let channel = PinChannel { rig, flights, sigma, step };
     let ordinary = channel.all(|pin, _| pin.asked);
     // The noise is itself estimated from these readbacks, the fewer the worse.
@@ -306,6 +332,7 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         channel.saturation(),
         channel.quantisation(),
         channel.levels(),
+        channel.lag(),
         channel.backlash(false),
         channel.backlash(true),
     ]
@@ -342,6 +369,57 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
 
 /// A channel's likelihood is not exact: so many nats are as good as certain.
 const MOST_DIRECT: f64 = 60.0;
+
+/// A command's way to a real output that any serial port has, s.
+const ORDINARY_WAY_S: f64 = 0.006;
+
+/// How late a real output follows, and what it does not answer.
+fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
+    let Some(typical_s) = median(tracks.iter().flat_map(|t| &t.pins).map(|pin| pin.delay_s).collect()) else {
+        return;
+    };
+    let answered: usize = tracks.iter().map(|t| t.pins.len()).sum();
+    if typical_s > ORDINARY_WAY_S {
+        out.findings.push(Finding {
+            channel: "round trip",
+            text: format!("the output follows its commands {:.0} ms late in the median", 1e3 * typical_s),
+        });
+        let ratio = typical_s / ORDINARY_WAY_S;
+        let gain = answered as f64 * (0.5 * (ratio * ratio - 1.0) - ratio.ln()) - LAW_COST;
+        if gain > 0.0 && out.effects.iter().all(|other| other.effect != library("actuator-lag")) {
+            out.effects.push(DirectEffect {
+                effect: library("actuator-lag"),
+                channel: "round trip",
+                gain: gain.min(MOST_DIRECT),
+                values: vec![typical_s],
+                relative_sigma: 0.1,
+            });
+        }
+    }
+    let unanswered: usize = tracks.iter().map(|t| t.unanswered).sum();
+    let (k, n) = (unanswered as f64, (answered + unanswered) as f64);
+    let share = k / n;
+    if k < 1.0 || share <= ORDINARY_LOSS {
+        return;
+    }
+    let gain = k * (share / ORDINARY_LOSS).ln() - (n - k) * (share - ORDINARY_LOSS) - LAW_COST;
+    if gain > 0.0 {
+        out.findings.push(Finding {
+            channel: "answers",
+            text: format!(
+                "{unanswered} of {n} commands were not answered: the pins may have kept what they held"
+            ),
+        });
+        // A command that is lost comes with the next iteration's.
+        out.effects.push(DirectEffect {
+            effect: library("loop-overrun"),
+            channel: "answers",
+            gain: gain.min(MOST_DIRECT),
+            values: vec![share, rig.control_loop.period_s],
+            relative_sigma: k.sqrt().recip(),
+        });
+    }
+}
 
 /// Lateness that any soft real-time loop has, s: below, nothing is told.
 const ORDINARY_LATENESS_S: f64 = 0.001;

@@ -37,6 +37,8 @@ pub struct Fit {
     pub free: Vec<Free>,
     /// Coordinates of random effects with one sigma of each in its own scale.
     pub random: Vec<(Free, f64)>,
+    /// What those coordinates' priors and widths add to the log-evidence.
+    pub random_ln: f64,
     /// Hessian of the negative log-posterior over the free coordinates, each in its own scale.
     pub hessian: DMatrix<f64>,
     /// Its inverse.
@@ -79,14 +81,18 @@ impl Fit {
     }
 
     /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
-    /// parameters.
-    pub fn effect_parameters(&self, sigmas: f64) -> impl Iterator<Item = (usize, usize, f64, [f64; 2])> + '_ {
+    /// parameters; a fraction of the value is added to sigma, in squares.
+    pub fn effect_parameters(
+        &self,
+        sigmas: f64,
+        fraction: f64,
+    ) -> impl Iterator<Item = (usize, usize, f64, [f64; 2])> + '_ {
         let fitted = self.free.iter().enumerate().map(|(i, f)| (f, self.covariance[(i, i)].max(0.0).sqrt()));
         let random = self.random.iter().map(|(f, sigma)| (f, *sigma));
         fitted.chain(random).filter_map(move |(f, sigma)| {
             let Coordinate::Effect { slot, parameter } = f.at else { return None };
             let value = self.point.get(f.at);
-            let half = sigmas * sigma;
+            let half = sigmas * sigma.hypot(if f.logarithmic { fraction } else { fraction * value });
             let own = f.own(value);
             Some((slot, parameter, value, [f.value(own - half), f.value(own + half)]))
         })
@@ -262,8 +268,7 @@ impl<'a> Problem<'a> {
 
     fn promises_at(&self, base: &Fit, point: &Point, effects: &[usize]) -> Vec<Promise> {
         let free = &base.free;
-        let mut directions: Vec<_> =
-            free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect();
+        let mut directions = directions(free, point);
         let fitted = directions.len();
         let mut starts = Vec::new();
         for effect in effects {
@@ -275,14 +280,7 @@ impl<'a> Problem<'a> {
         let noise = base.full_noise(self);
         let pass = run(self.tracks, self.rig, point, &noise, &directions);
         let objective = pass.nll + self.prior(point, &base.noise, free);
-        let mut own = pass.information.view((0, 0), (fitted, fitted)).into_owned();
-        let mut own_gradient = pass.gradient.rows(0, fitted).into_owned();
-        for (i, f) in free.iter().enumerate() {
-            let value = point.get(f.at);
-            let per_value = f.slope(value).recip();
-            own[(i, i)] += (per_value / f.sigma).powi(2);
-            own_gradient[i] -= (f.own(value) - f.mean) / (f.sigma * f.sigma) * per_value;
-        }
+        let (own, own_gradient) = with_prior(free, point, &pass);
         let Some(own) = own.cholesky() else { return Vec::new() };
         let alone = own.solve(&own_gradient);
         // What the numbers alone still gain from here.
@@ -324,17 +322,23 @@ impl<'a> Problem<'a> {
         best
     }
 
-    /// Levenberg-Marquardt on the posterior, noise included, from a start.
-    pub fn refine(&self, start: Point, noise: Noise) -> Fit {
-        self.refine_within(start, noise, MAX_PASSES)
+    /// What a promise on top of a fit comes to, with the fit's random effects as they are.
+    pub fn keep(&self, promise: Promise, base: &Fit) -> Fit {
+        let fit = self.refine(promise.start, base.noise);
+        Fit {
+            log_evidence: fit.log_evidence + base.random_ln,
+            random: base.random.clone(),
+            random_ln: base.random_ln,
+            ..fit
+        }
     }
 
-    /// The same with so many passes at most.
-    pub fn refine_within(&self, start: Point, noise: Noise, passes: usize) -> Fit {
+    /// Levenberg-Marquardt on the posterior, noise included, from a start.
+    pub fn refine(&self, start: Point, noise: Noise) -> Fit {
         let free = self.free(&start);
         let mut here = self.look(start, noise, &free);
         let mut damping = 1e-3;
-        for _ in 1..passes {
+        for _ in 1..MAX_PASSES {
             let Some(step) = damped_step(&here.hessian, &here.gradient, damping) else { break };
             let worth = 0.5 * here.gradient.dot(&step) + here.noise_step.2;
             if worth < WORTH {
@@ -366,9 +370,7 @@ impl<'a> Problem<'a> {
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
         let full = random::added(&point, &noise, self.rig);
-        let directions: Vec<_> =
-            free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect();
-        let pass = run(self.tracks, self.rig, &point, &full, &directions);
+        let pass = run(self.tracks, self.rig, &point, &full, &directions(free, &point));
         let (hessian, gradient) = normal_equations(&point, free, &pass);
         let noise_step = self.noise_step(&noise, &pass);
         let objective = pass.nll + self.prior(&point, &noise, free);
@@ -421,7 +423,7 @@ impl<'a> Problem<'a> {
 
     /// The free coordinates of a point with steps for their derivatives.
     pub(crate) fn directions(&self, point: &Point) -> Vec<Direction> {
-        self.free(point).iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect()
+        directions(&self.free(point), point)
     }
 
     /// The coordinates that are fitted: uncertain numbers of the rig, and all parameters of the point's effects whose
@@ -448,6 +450,10 @@ impl<'a> Problem<'a> {
         }
         free
     }
+}
+
+fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
+    free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect()
 }
 
 /// A sag that takes longer to recover is told as discharge, s.
@@ -490,6 +496,7 @@ impl Look {
             noise: self.noise,
             free,
             random: Vec::new(),
+            random_ln: 0.0,
             hessian: self.hessian,
             covariance,
             objective: self.objective,
@@ -518,14 +525,32 @@ fn normal_equations(point: &Point, free: &[Free], pass: &Pass) -> (DMatrix<f64>,
     (hessian, gradient)
 }
 
-/// Adds what the priors of a fit's coordinates say to information and gradient over the coordinates' values.
-pub(crate) fn add_prior(fit: &Fit, information: &mut DMatrix<f64>, gradient: &mut DVector<f64>) {
-    for (i, f) in fit.free.iter().enumerate() {
-        let value = fit.point.get(f.at);
+/// What the coordinates of a point, which a pass has first, leave of information and gradient of its other directions
+/// (Schur complement); `None` where they are not determined.
+pub(crate) fn project(free: &[Free], point: &Point, pass: &Pass) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let fitted = free.len();
+    let rest = pass.gradient.len() - fitted;
+    let (own, own_gradient) = with_prior(free, point, pass);
+    let own = own.cholesky()?;
+    let cross = pass.information.view((fitted, 0), (rest, fitted));
+    Some((
+        pass.information.view((fitted, fitted), (rest, rest)) - cross * own.solve(&cross.transpose()),
+        pass.gradient.rows(fitted, rest) - cross * own.solve(&own_gradient),
+    ))
+}
+
+/// Information and gradient over the values of the coordinates of a point, which a pass has first, with their priors.
+fn with_prior(free: &[Free], point: &Point, pass: &Pass) -> (DMatrix<f64>, DVector<f64>) {
+    let n = free.len();
+    let mut information = pass.information.view((0, 0), (n, n)).into_owned();
+    let mut gradient = pass.gradient.rows(0, n).into_owned();
+    for (i, f) in free.iter().enumerate() {
+        let value = point.get(f.at);
         let per_value = f.slope(value).recip();
         information[(i, i)] += (per_value / f.sigma).powi(2);
         gradient[i] -= (f.own(value) - f.mean) / (f.sigma * f.sigma) * per_value;
     }
+    (information, gradient)
 }
 
 /// `ln Z = ln L + ln prior - 1/2 ln det H` at the mode, powers of 2 pi cancelling (`MacKay`, *Information Theory,

@@ -10,6 +10,7 @@ use crate::{
     fit::{Fit, Problem},
     law::Point,
     pass::{Innovation, Noise, TrackPass, fly_track},
+    random::is_random,
     track::Track,
 };
 
@@ -37,7 +38,8 @@ pub struct Gap {
     pub with_effect: Figure,
     /// What a right model would score.
     pub floor: Figure,
-    /// Share of the gap above the floor that the effect closes beyond the re-fit.
+    /// Share of the gap above the floor that the effect's law closes beyond the re-fit; absent where re-fitted numbers
+    /// leave no gap that stands out over flights, or no law of flight is named.
     pub closure: Option<Figure>,
     /// Whether each flight was predicted by a fit to the others.
     pub held_out: bool,
@@ -134,6 +136,8 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         let above = before - floor_of(all);
         if above > 1e-6 { ((before - after) / above).clamp(-1.0, 1.0) } else { 0.0 }
     };
+    let left = figure(&sums, |all| total(all, |s| s.nll[1] - s.floor));
+    let has_law = best.point.effects.iter().any(|(effect, _)| !is_random(*effect));
     let k_step = |k: usize| {
         [0, 1, 2].map(|h| {
             let rms = |all: &[&Sums]| {
@@ -149,7 +153,7 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         parameters_only: level(1),
         with_effect: level(2),
         floor: figure(&sums, floor_of),
-        closure: (!best.point.effects.is_empty()).then(|| figure(&sums, closure_of)),
+        closure: (has_law && left.low > 0.0).then(|| figure(&sums, closure_of)),
         held_out,
         k_step_m: KStep { nominal: k_step(0), parameters_only: k_step(1), with_effect: k_step(2) },
         flights: flights.collect(),
@@ -251,17 +255,11 @@ fn consistency(innovations: &[Innovation]) -> Consistency {
     }
 }
 
-/// Probability of a chi-squared variable beyond `x`, by Wilson and Hilferty's cube root (1931) and the normal tail of
-/// Abramowitz and Stegun, 26.2.17.
+/// Probability of a chi-squared variable beyond `x`, by Wilson and Hilferty's cube root (1931).
 fn chi_squared_tail(x: f64, degrees: f64) -> f64 {
     let spread = 2.0 / (9.0 * degrees);
     let z = ((x / degrees).cbrt() - (1.0 - spread)) / spread.sqrt();
-    let t = (1.0 + 0.231_641_9 * z.abs()).recip();
-    let series = t
-        * (0.319_381_530
-            + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * series;
-    if z >= 0.0 { tail } else { 1.0 - tail }
+    0.5 * libm::erfc(z * std::f64::consts::FRAC_1_SQRT_2)
 }
 
 #[cfg(test)]

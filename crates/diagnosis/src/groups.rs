@@ -1,16 +1,25 @@
 //! Which effects these flights cannot tell apart: their expected responses point the same way once the rig's tolerances
 //! have explained what they can.
 
-use nalgebra::DMatrix;
+use bench_plant::effects::LIBRARY;
 
 use crate::{
-    fit::{Fit, Problem, start_values},
+    fit::{Fit, Problem, project, start_values},
     pass::{Direction, run},
     random::is_random,
 };
 
 /// Cosine beyond which two effects count as one.
-pub const SAME: f64 = 0.8;
+const SAME: f64 = 0.8;
+/// The same of lags and delays: a lag of the pins, of the rotors, of the sightings differ by where they begin and by their
+/// order, and those of an airframe are of any order. A pure delay of the pins is one of the sightings.
+const SAME_LAG: f64 = 0.25;
+const LAGS: [&str; 3] = ["actuator-lag", "rotor-lag", "tracker-latency"];
+
+/// Cosine beyond which these two count as one.
+pub fn same(a: usize, b: usize) -> f64 {
+    if [a, b].iter().all(|effect| LAGS.contains(&LIBRARY[*effect].name)) { SAME_LAG } else { SAME }
+}
 
 /// Cosines of a fitted effect's response with those of other effects, highest first: the law's finite difference at the
 /// fitted values against the others' at sizes and shapes over their priors.
@@ -24,7 +33,6 @@ pub fn cosines(
         return Vec::new();
     }
     let mut directions = problem.directions(&null.point);
-    let numbers = directions.len();
     directions.push(Direction::Added(fitted.0, fitted.1.clone()));
     let mut owners = Vec::new();
     for other in others.iter().filter(|other| **other != fitted.0 && !is_random(**other)) {
@@ -35,16 +43,7 @@ pub fn cosines(
     }
     let noise = null.full_noise(problem);
     let pass = run(problem.tracks, problem.rig, &null.point, &noise, &directions);
-    let mut own = pass.information.view((0, 0), (numbers, numbers)).into_owned();
-    for (i, f) in null.free.iter().enumerate() {
-        let per_value = f.slope(null.point.get(f.at)).recip();
-        own[(i, i)] += (per_value / f.sigma).powi(2);
-    }
-    let Some(own) = own.cholesky() else { return Vec::new() };
-    let n = directions.len() - numbers;
-    let cross = pass.information.view((0, numbers), (numbers, n)).into_owned();
-    let left: DMatrix<f64> = pass.information.view((numbers, numbers), (n, n)).into_owned()
-        - cross.transpose() * own.solve(&cross);
+    let Some((left, _)) = project(&null.free, &null.point, &pass) else { return Vec::new() };
     let mut best: Vec<(usize, f64)> = Vec::new();
     for (i, owner) in owners.into_iter().enumerate() {
         let scale = (left[(0, 0)] * left[(i + 1, i + 1)]).sqrt();

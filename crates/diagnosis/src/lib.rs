@@ -18,6 +18,7 @@ mod groups;
 mod law;
 mod next_flight;
 mod pass;
+mod pulse;
 mod random;
 mod region;
 mod search;

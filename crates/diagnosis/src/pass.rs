@@ -254,6 +254,8 @@ const DV: f64 = 1e-3;
 /// Altitude, vertical speed, trim acceleration, turbulence.
 pub type State = [f64; 4];
 pub type Covariance = [[f64; 4]; 4];
+/// For so long laws are held at what was there before the flight, s: they settle on it.
+const AT_REST_S: f64 = 1e-6;
 /// Longest integration step, s.
 const STEP_S: f64 = 0.034;
 /// A repeated reading is stale if it is so many sigma off the prediction.
@@ -409,6 +411,12 @@ impl Filter {
     fn fly(mut self, track: &Track, rig: &Rig) -> TrackPass {
         let mut now = track.begin_s;
         let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
+        if let Some(before) = input.checked_sub(1) {
+            // What lags comes from what was held at rest, not from the launch.
+            let throttle = track.inputs[before].throttle;
+            self.law.hold(AT_REST_S, throttle);
+            self.hold_twins(AT_REST_S, throttle);
+        }
         let late = self.law.latency_s - rig.tracker.latency_s.value;
         for sighting in &track.sightings {
             self.carried = sighting.carried;
@@ -633,7 +641,8 @@ impl Filter {
             factor,
             speed_m_s: v,
             timing_s,
-            repeats: self.last_z_m == Some(sighting.z_m),
+            // Near the ground it may rest where the model has it move.
+            repeats: sighting.z_m > NEAR_GROUND_M && self.last_z_m == Some(sighting.z_m),
             step_m: self.step_m,
         };
         for (twin, out) in self.twins.iter().zip(&mut self.row) {
@@ -830,7 +839,6 @@ impl Sight {
             return (-total.ln(), s, narrow / total);
         }
         if noise.stale_probability > 0.0 {
-            // Readings that a fresh frame would give too say nothing: rounding repeats them.
             // The same reading again has a probability, not a density: that over the width of a step.
             // Readings that a fresh frame would give too say nothing: rounding repeats them.
             let again = if self.repeats && u2 > STALE_SIGMAS * STALE_SIGMAS {

@@ -119,14 +119,37 @@ pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit>
         ..base.noise
     };
     let at = |x: &[f64]| objective(&scaled(x), &x[2..]);
-    let mut steps: Vec<f64> = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
-    let mut best = at(&x);
+    let steps = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
+    let (best, curvature) = descend(&at, &mut x, steps);
+    let ln_width: f64 =
+        own.iter().zip(&curvature[2..]).map(|(f, c)| -(f.sigma * c.max(f.sigma.powi(-2)).sqrt()).ln()).sum();
+    let noise = scaled(&x);
+    let random =
+        own.iter().zip(&curvature[2..]).map(|(f, c)| (*f, c.max(f.sigma.powi(-2)).sqrt().recip())).collect();
+    // The other coordinates' evidence is the base's: their curvature hardly changes with the noise.
+    let log_evidence = base.log_evidence + base.objective - best + ln_width;
+    let ln_prior: f64 = own.iter().zip(&x[2..]).map(|(f, x)| -0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
+    let random_ln = ln_prior + ln_width;
+    Some(Fit {
+        point: with(&x[2..]),
+        noise,
+        random,
+        random_ln,
+        objective: best + ln_prior,
+        log_evidence,
+        ..base.clone()
+    })
+}
+
+/// Searches along each coordinate in turn, by parabolas; the least value and the curvature along each.
+fn descend(at: &dyn Fn(&[f64]) -> f64, x: &mut [f64], mut steps: Vec<f64>) -> (f64, Vec<f64>) {
+    let mut best = at(x);
     let mut curvature = vec![0.0; x.len()];
     for _ in 0..SWEEPS {
         let before = best;
         for i in 0..x.len() {
             let probe = |dx: f64| {
-                let mut moved = x.clone();
+                let mut moved = x.to_vec();
                 moved[i] += dx;
                 at(&moved)
             };
@@ -156,12 +179,5 @@ pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit>
             break;
         }
     }
-    let ln_width: f64 =
-        own.iter().zip(&curvature[2..]).map(|(f, c)| -(f.sigma * c.max(f.sigma.powi(-2)).sqrt()).ln()).sum();
-    let noise = scaled(&x);
-    let random =
-        own.iter().zip(&curvature[2..]).map(|(f, c)| (*f, c.max(f.sigma.powi(-2)).sqrt().recip())).collect();
-    // The other coordinates' evidence is the base's: their curvature hardly changes with the noise.
-    let log_evidence = base.log_evidence + base.objective - best + ln_width;
-    Some(Fit { point: with(&x[2..]), noise, random, objective: best, log_evidence, ..base.clone() })
+    (best, curvature)
 }

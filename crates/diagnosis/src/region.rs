@@ -8,7 +8,7 @@ use bench_plant::effects::{LIBRARY, Stage};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::{
-    fit::{Fit, Problem, add_prior},
+    fit::{Fit, Problem, project},
     pass::{Axis, Direction, Hat, Seen, run},
     random::is_random,
 };
@@ -40,24 +40,25 @@ pub struct Regions {
     /// Offsets of sightings over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
     /// Those that another form of the fitted effects' laws may bring about are left out.
     pub tracker: Vec<(&'static str, f64)>,
-    /// Accelerations that swing, each flight with its own size and phase: frequency, Hz, and gain of log-evidence.
-    pub waves: Vec<(f64, f64)>,
 }
 
-impl Regions {
+/// Accelerations that swing, each flight with its own size and phase: frequency, Hz, and gain of log-evidence.
+#[derive(Clone, Debug)]
+pub struct Waves(pub Vec<(f64, f64)>);
+
+impl Waves {
     /// The frequency with the highest gain, Hz, and that gain less what the choice among them is worth.
-    pub fn wave(&self) -> (f64, f64) {
-        let best = self.waves.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
-        (best.0, (best.1 - (self.waves.len().max(1) as f64).ln()).max(0.0))
+    pub fn highest(&self) -> (f64, f64) {
+        let best = self.0.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        (best.0, (best.1 - (self.0.len().max(1) as f64).ln()).max(0.0))
     }
 }
 
 /// Quantities along which another form of an effect's law would show.
 fn own_axes(effect: usize) -> &'static [Axis] {
     match LIBRARY[effect].name {
-        "tracker-scale" | "ground-effect-shape" | "ground-effect-dynamic" | "ceiling-effect" | "updraft" => {
-            &[Axis::Altitude]
-        }
+        "tracker-scale" | "ground-effect-shape" | "ceiling-effect" | "updraft" => &[Axis::Altitude],
+        "ground-effect-dynamic" => &[Axis::Altitude, Axis::Speed],
         "actuator-lag" | "rotor-lag" => &[Axis::ThrustChange],
         "thrust-curve" | "thrust-loss" => &[Axis::ThrustToWeight],
         "battery-discharge" => &[Axis::Charge, Axis::Time, Axis::Voltage],
@@ -83,26 +84,22 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     for (index, axis) in Axis::ALL.into_iter().enumerate() {
         let most = if axis == Axis::Altitude { ALTITUDE_KNOTS } else { KNOTS };
         let knots = knots(plain.innovations().map(|innovation| innovation.axes[index]).collect(), most);
-        for k in 0..knots.len() {
-            let at = |i: usize| knots[i];
-            let neighbours = [at(k.saturating_sub(1)), at(k), at((k + 1).min(knots.len() - 1))];
-            directions.push(Direction::Hat(Hat { axis, knots: neighbours }));
-            hat_axes.push(axis);
-        }
+        let hats = hats(axis, &knots);
         if axis == Axis::Altitude {
-            altitudes.clone_from(&knots);
+            altitudes.clone_from(&hats);
         }
+        hat_axes.extend(hats.iter().map(|_| axis));
+        directions.extend(hats.into_iter().map(Direction::Hat));
         knots_by_axis.push(knots);
     }
     let forces = directions.len() - fitted;
-    for k in 0..altitudes.len() {
-        let neighbours =
-            [altitudes[k.saturating_sub(1)], altitudes[k], altitudes[(k + 1).min(altitudes.len() - 1)]];
-        directions.push(Direction::Seen(Seen::Altitude(Hat { axis: Axis::Altitude, knots: neighbours })));
-    }
+    let offsets = altitudes.len();
+    directions.extend(altitudes.into_iter().map(|hat| Direction::Seen(Seen::Altitude(hat))));
     directions.extend([Seen::Thrust, Seen::Time, Seen::Latency].map(Direction::Seen));
     let pass = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &directions);
-    let (information, gradient) = project(fit, &pass.information, &pass.gradient, fitted);
+    let Some((information, gradient)) = project(&fit.free, &fit.point, &pass) else {
+        return Regions { axes: Vec::new(), ceiling: 0.0, form: 0.0, tracker: Vec::new() };
+    };
 
     let mut axes = Vec::new();
     let mut first = 0;
@@ -117,7 +114,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     }
     let f = information.view((0, 0), (forces, forces)).into_owned();
     let (ceiling, _) = best_gain(&f, &gradient.rows(0, forces).into_owned(), &WIDTHS);
-    let mut tracker = seen(&information, &gradient, forces, altitudes.len());
+    let mut tracker = seen(&information, &gradient, forces, offsets);
     tracker.retain(|(name, _)| {
         let like: &[Axis] = match *name {
             "altitude" => &[Axis::Altitude, Axis::Speed],
@@ -138,7 +135,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let f = DMatrix::from_fn(own.len(), own.len(), |i, j| information[(own[i], own[j])]);
     let g = DVector::from_fn(own.len(), |i, _| gradient[own[i]]);
     let form = if own.is_empty() { 0.0 } else { best_gain(&f, &g, &WIDTHS).0 };
-    Regions { axes, ceiling, form, tracker, waves: waves(problem, fit) }
+    Regions { axes, ceiling, form, tracker }
 }
 
 /// Prior widths of what a tracker gets wrong: m over altitude and thrust, m/s over time, s/s of latency.
@@ -172,7 +169,8 @@ fn seen(
 /// Lowest and highest frequency of waves, Hz, and how many are tried, evenly in the logarithm.
 const WAVES_HZ: (f64, f64, usize) = (0.15, 4.0, 24);
 
-fn waves(problem: &Problem<'_>, fit: &Fit) -> Vec<(f64, f64)> {
+/// Looks for a swing that a fit leaves.
+pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
     let (low, high, n) = WAVES_HZ;
     let hz = |i: usize| low * (high / low).powf(i as f64 / (n - 1) as f64);
     let directions: Vec<_> = (0..n)
@@ -180,25 +178,24 @@ fn waves(problem: &Problem<'_>, fit: &Fit) -> Vec<(f64, f64)> {
         .collect();
     let noise = fit.full_noise(problem);
     let pass = run(problem.tracks, problem.rig, &fit.point, &noise, &directions);
-    (0..n)
-        .map(|i| {
-            let gain = WIDTHS
-                .into_iter()
-                .map(|s| {
-                    let each = pass.tracks.iter().map(|track| {
-                        let f = track.information.fixed_view::<2, 2>(2 * i, 2 * i)
-                            + Matrix2::identity() * s.powi(-2);
-                        let g = track.gradient.fixed_rows::<2>(2 * i);
-                        f.cholesky().map_or(0.0, |f| {
-                            0.5 * g.dot(&f.solve(&g)) - 0.5 * f.determinant().ln() - 2.0 * s.ln()
-                        })
-                    });
-                    each.sum::<f64>()
-                })
-                .fold(0.0, f64::max);
-            (hz(i), gain)
-        })
-        .collect()
+    let gains = (0..n).map(|i| {
+        let gain = WIDTHS
+            .into_iter()
+            .map(|s| {
+                let each = pass.tracks.iter().map(|track| {
+                    let f =
+                        track.information.fixed_view::<2, 2>(2 * i, 2 * i) + Matrix2::identity() * s.powi(-2);
+                    let g = track.gradient.fixed_rows::<2>(2 * i);
+                    f.cholesky().map_or(0.0, |f| {
+                        0.5 * g.dot(&f.solve(&g)) - 0.5 * f.determinant().ln() - 2.0 * s.ln()
+                    })
+                });
+                each.sum::<f64>()
+            })
+            .fold(0.0, f64::max);
+        (hz(i), gain)
+    });
+    Waves(gains.collect())
 }
 
 /// Quantiles of what was flown, those that coincide left out.
@@ -220,27 +217,12 @@ fn knots(mut values: Vec<f64>, most: usize) -> Vec<f64> {
     knots
 }
 
-/// What the fitted parameters leave of information and gradient of the rest.
-fn project(
-    fit: &Fit,
-    lower: &DMatrix<f64>,
-    gradient: &DVector<f64>,
-    fitted: usize,
-) -> (DMatrix<f64>, DVector<f64>) {
-    let n = gradient.len();
-    let full = DMatrix::from_fn(n, n, |i, j| if i >= j { lower[(i, j)] } else { lower[(j, i)] });
-    let free = full.view((fitted, fitted), (n - fitted, n - fitted)).into_owned();
-    let cross = full.view((fitted, 0), (n - fitted, fitted)).into_owned();
-    let mut own = full.view((0, 0), (fitted, fitted)).into_owned();
-    let mut own_gradient = gradient.rows(0, fitted).into_owned();
-    add_prior(fit, &mut own, &mut own_gradient);
-    match own.cholesky() {
-        Some(own) => (
-            free - &cross * own.solve(&cross.transpose()),
-            gradient.rows(fitted, n - fitted) - &cross * own.solve(&own_gradient),
-        ),
-        None => (free, gradient.rows(fitted, n - fitted).into_owned()),
-    }
+/// A hat function at each knot.
+fn hats(axis: Axis, knots: &[f64]) -> Vec<Hat> {
+    let last = knots.len().saturating_sub(1);
+    let hat =
+        |k: usize| Hat { axis, knots: [knots[k.saturating_sub(1)], knots[k], knots[(k + 1).min(last)]] };
+    (0..knots.len()).map(hat).collect()
 }
 
 /// The best gain over the prior widths, and that width.

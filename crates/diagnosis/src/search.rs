@@ -93,6 +93,13 @@ impl Search {
                 );
             }
         }
+        // Under noise that a random effect brings, laws show that the null's own noise would drown or invent.
+        let spread = singles.iter().find(|single| is_random(single.point.effects[0].0));
+        if let Some(base) = spread.filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND) {
+            let promises = problem.promises(base, &effects, PAIRS_REFINED);
+            let worth = promises.into_iter().filter(|promise| promise.gain > WORTH_A_SECOND).collect();
+            pairs.extend(refine(problem, base, worth));
+        }
         let mut fits = vec![null];
         fits.extend(singles);
         fits.extend(pairs);
@@ -118,8 +125,7 @@ impl Search {
 
 /// Fits starts; of those of one effect, the better fit.
 fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>) -> Vec<Fit> {
-    let mut fits: Vec<Fit> =
-        promises.into_par_iter().map(|promise| problem.refine(promise.start, base.noise)).collect();
+    let mut fits: Vec<Fit> = promises.into_par_iter().map(|promise| problem.keep(promise, base)).collect();
     fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     let mut seen: Vec<Vec<usize>> = Vec::new();
     fits.retain(|fit| {

@@ -80,7 +80,8 @@ pub fn traces(problem: &Problem<'_>, fit: &Fit) -> Vec<Trace> {
         .collect()
 }
 
-fn backward(knots: &[Knot]) -> Vec<(State, Covariance)> {
+/// State and covariance at each knot, given the whole flight.
+pub fn backward(knots: &[Knot]) -> Vec<(State, Covariance)> {
     use nalgebra::{Matrix4, Vector4};
     let matrix = |m: &Covariance| Matrix4::from_fn(|i, j| m[i][j]);
     let mut out: Vec<(State, Covariance)> = knots.iter().map(|knot| knot.filtered).collect();

@@ -166,6 +166,7 @@ fn as_commanded(track: &mut Track) {
         while pins.next_if(|pin| pin.time_s < input.time_s).is_some() {}
         if let Some(pin) = pins.next_if(|pin| pin.time_s == input.time_s) {
             input.throttle = pin.commanded;
+            input.time_s -= pin.delay_s;
         }
     }
 }

@@ -3,7 +3,7 @@
 use bench_device::{PositionSample, Sticks, Time, TrackStatus};
 use bench_plant::effects::Effects;
 use bench_recording::Flight;
-use bench_rig::Rig;
+use bench_rig::{Bench, Rig};
 use thiserror::Error;
 
 use crate::{
@@ -57,6 +57,8 @@ pub struct Track {
     pub ln_noise: f64,
     /// Throttle as asked for and as read back, an iteration each; empty without readback.
     pub pins: Vec<Pin>,
+    /// Commands to a real output that it did not answer.
+    pub unanswered: usize,
     /// By how much iterations started late, s.
     pub lateness_s: Vec<f64>,
     /// The same of each of `inputs`, against the usual; zero where it is not known.
@@ -78,8 +80,10 @@ pub struct Track {
 /// One iteration's throttle, in units of the actuation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pin {
-    /// When it was written, s.
+    /// When it moved, s.
     pub time_s: f64,
+    /// How long after the command that was, as far as a real output tells, s.
+    pub delay_s: f64,
     /// As the controller asked.
     pub asked: f64,
     /// As the rig's output rounds it.
@@ -146,6 +150,7 @@ impl Track {
         let flight_name = || name.to_owned();
         let pins = pins(flight, rig);
         let inputs = inputs(flight, rig, &pins);
+        let unanswered = unanswered(flight, rig, &pins);
         if inputs.is_empty() {
             return Err(TrackError::NoCommands { flight: flight_name() });
         }
@@ -214,6 +219,7 @@ impl Track {
             timing_s,
             ln_noise: 0.0,
             pins,
+            unanswered,
             late_s: late_inputs_s(flight),
             lateness_s: lateness_s(flight),
             tilt: tilt(flight),
@@ -301,13 +307,20 @@ fn pins(flight: &Flight, rig: &Rig) -> Vec<Pin> {
         let (asked, readback) = (drive.throttle(&command.sticks), found.readback.sticks.throttle);
         if asked.is_finite() && readback.is_finite() {
             // A command between two steps may have gone either way: recordings round it.
-            let near = |value: f64| rig.output.on_the_pin(&rig.airframe.sticks, value);
+            let near = |value: f64| rig.output.expected_on_the_pin(&rig.airframe.sticks, value);
             let slack = TIE * (rig.airframe.sticks.max - rig.airframe.sticks.min);
             let commanded = [near(asked), near(asked - slack), near(asked + slack)]
                 .into_iter()
                 .min_by(|a, b| (a - readback).abs().total_cmp(&(b - readback).abs()))
                 .unwrap_or(asked);
-            pins.push(Pin { time_s: command.time.seconds(), asked, commanded, readback });
+            let round_trip_s = found.time.since_s(command.time);
+            let delay_s = match rig.bench {
+                Bench::Virtual => 0.0,
+                // The virtual airframe flies from what was read back, once it was.
+                Bench::Loopback => round_trip_s,
+                Bench::Transmitter => 0.5 * round_trip_s,
+            };
+            pins.push(Pin { time_s: command.time.seconds() + delay_s, delay_s, asked, commanded, readback });
         }
     }
     pins
@@ -322,22 +335,41 @@ const BELIEVED_SIGMAS: f64 = 4.0;
 /// What the pins held: the rounded command, or the readback where it plainly says otherwise.
 fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
     let sigma = readback_sigma(pins, rig);
+    let read_back = !pins.is_empty();
     let mut pins = pins.iter().peekable();
     let mut drive = Drive::new(rig);
+    let mut before = rig.airframe.sticks.min;
     flight
         .commands
         .iter()
         .filter(|command| command.sticks.throttle.is_finite())
         .map(|command| {
             let time_s = command.time.seconds();
-            let commanded = rig.output.on_the_pin(&rig.airframe.sticks, drive.throttle(&command.sticks));
-            let throttle = pins.next_if(|pin| pin.time_s == time_s).map_or(commanded, |pin| {
-                let plainly_off = (pin.readback - pin.commanded).abs() > BELIEVED_SIGMAS * sigma;
-                if plainly_off { pin.readback } else { pin.commanded }
-            });
-            Input { time_s, throttle }
+            let commanded =
+                rig.output.expected_on_the_pin(&rig.airframe.sticks, drive.throttle(&command.sticks));
+            let input = match pins.next_if(|pin| pin.time_s - pin.delay_s <= time_s) {
+                Some(pin) => {
+                    let plainly_off = (pin.readback - pin.commanded).abs() > BELIEVED_SIGMAS * sigma;
+                    let throttle = if plainly_off { pin.readback } else { pin.commanded };
+                    Input { time_s: pin.time_s, throttle }
+                }
+                // Without an answer the virtual airframe flies on from the one before.
+                None if read_back && rig.bench == Bench::Loopback => Input { time_s, throttle: before },
+                None => Input { time_s, throttle: commanded },
+            };
+            before = input.throttle;
+            input
         })
         .collect()
+}
+
+/// Commands that a real output did not answer.
+fn unanswered(flight: &Flight, rig: &Rig, pins: &[Pin]) -> usize {
+    if rig.bench == Bench::Virtual || pins.is_empty() {
+        0
+    } else {
+        flight.commands.len().saturating_sub(pins.len())
+    }
 }
 
 /// How late iterations started; against the usual interval where no schedule was kept.

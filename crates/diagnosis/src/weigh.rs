@@ -2,34 +2,51 @@
 
 use bench_plant::effects::LIBRARY;
 use rayon::prelude::*;
+use serde::Serialize;
 
 use crate::{
     calibration::Calibration,
     direct::{Direct, direct},
     fit::{Fit, Problem},
+    pulse::pulses,
     random::is_random,
-    region::{Regions, regions},
+    region::{Regions, Waves, regions, waves},
     search::Search,
 };
 
 /// Laws of another form leave some structure even where their cause is named rightly: so many nats are forgiven before a
-/// gap counts as unexplained, and this share of the winner's own gain. A second effect must gain the same share of what
-/// the first gains alone.
-const FORGIVEN_NATS: f64 = 15.0;
-const FORGIVEN_SHARE: f64 = 0.08;
-/// The same of a random effect that comes second: it takes in whatever a law leaves.
-const RANDOM_SHARE: f64 = 0.25;
+/// gap counts as unexplained, and this share of the winner's own gain.
+const FORGIVEN_NATS: f64 = 9.0;
+const FORGIVEN_SHARE: f64 = 0.2;
+/// Forgiven where nothing is named: flights without an effect leave next to nothing.
+const FORGIVEN_NONE_NATS: f64 = 3.5;
+/// Forgiven of pushes that come now and then: nominal flights reach it.
+const FORGIVEN_PULSES_NATS: f64 = 14.0;
+/// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
+/// form: a law on top of a law,
+const SECOND_LAW: (f64, f64) = (4.0, 0.105);
+/// noise on top of a law, which takes in whatever the law leaves,
+const SECOND_NOISE: (f64, f64) = (8.0, 0.15);
+/// readings that stand still or lie far off on top of a law,
+const SECOND_READINGS: (f64, f64) = (20.0, 0.2);
+/// a law on top of noise, whose size the law hardly bends,
+const LAW_ON_NOISE: (f64, f64) = (4.0, 0.012);
+/// a law on top of gusts, which are never quite the model's,
+const LAW_ON_GUSTS: (f64, f64) = (8.0, 0.25);
+/// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
+const SECOND_BESIDE_CHANNEL_NATS: f64 = 6.0;
 /// In doubt, evidence counts so many times less.
 const DOUBTFUL: f64 = 10.0;
 /// Hypotheses whose forms are looked at: those that others cannot overtake by form are left out.
 const FORMS_WEIGHED: usize = 6;
-/// A form may add this share of what its effect gains itself, and such a share of what is seen along its quantities.
-const FORM_OF_GAIN: f64 = 0.35;
-const FORM_BELIEVED: f64 = 0.9;
+const SINGLE_FORMS_WEIGHED: usize = 5;
+/// A form may add so many nats and this share of what its effect gains itself, and such a share of what is seen along its
+/// quantities.
+const FORM_NATS: f64 = 3.0;
+const FORM_OF_GAIN: f64 = 0.25;
+const FORM_BELIEVED: f64 = 0.7;
 /// So much of its gain may lie along an effect's own quantities without being called unknown.
-const FORM_LEFT_OF_GAIN: f64 = 0.8;
-/// Forgiven where nothing is named: flights without an effect leave next to nothing.
-const FORGIVEN_NONE_NATS: f64 = 5.0;
+const FORM_LEFT_OF_GAIN: f64 = 0.4;
 
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
@@ -43,8 +60,31 @@ pub struct Hypothesis {
     pub gain: f64,
     /// What its fit leaves, where that was looked at.
     pub regions: Option<Regions>,
+    /// What speaks for it by kind of evidence.
+    pub grounds: Grounds,
     /// What a second effect must gain before it counts.
     forgiven: f64,
+}
+
+/// What speaks for a hypothesis, and what its laws leave, nats.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Grounds {
+    /// Gain of the filter's log-evidence over none.
+    pub flight: f64,
+    /// Evidence of direct channels.
+    pub direct: f64,
+    /// Of two effects, what the better one gains alone.
+    pub first_alone: f64,
+    /// What a free acceleration along the effects' own quantities would add; absent where it was not looked at, as the
+    /// following.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub form: Option<f64>,
+    /// The same along all quantities.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub structure: Option<f64>,
+    /// The same of an offset of the tracker.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracker: Option<f64>,
 }
 
 /// All hypotheses, most probable first, and the one that none of them is true.
@@ -59,6 +99,12 @@ pub struct Weighed {
     pub unknown: f64,
     /// What the re-fitted rig leaves.
     pub on_null: Regions,
+    /// The same that swings.
+    pub waves_on_null: Waves,
+    /// What swings on top of the most probable hypothesis that names its effects.
+    pub waves_on_best: Waves,
+    /// Evidence of thrust that is missing for moments on top of it, nats.
+    pub pulses: f64,
 }
 
 impl Weighed {
@@ -75,7 +121,15 @@ impl Weighed {
         hypotheses.sort_by(by_weight);
 
         let best = &hypotheses[0];
-        let left = unexplained(best, &search.fits[best.fit], &on_null, direct);
+        let waves_on_null = waves(problem, &search.fits[0]);
+        let waves_on_best =
+            if best.fit == 0 { waves_on_null.clone() } else { waves(problem, &search.fits[best.fit]) };
+        let pulses = pulses(problem, &search.fits[best.fit]);
+        let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
+        let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct);
+        if pulses > FORGIVEN_PULSES_NATS {
+            left = left.max(pulses - FORGIVEN_PULSES_NATS);
+        }
         let unknown_gain = best.gain + left;
         let posterior = |temperature: f64| {
             let at = |prior: f64, gain: f64| prior + gain / temperature;
@@ -96,7 +150,16 @@ impl Weighed {
             .map(|(p, q)| (1.0 - doubt) * p + doubt * q)
             .collect();
         let unknown = probabilities.pop().unwrap_or(0.0);
-        Self { hypotheses, probabilities, unknown_gain, unknown, on_null }
+        Self {
+            hypotheses,
+            probabilities,
+            unknown_gain,
+            unknown,
+            on_null,
+            waves_on_null,
+            waves_on_best,
+            pulses,
+        }
     }
 }
 
@@ -105,7 +168,7 @@ impl Weighed {
 pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
     let search = Search::of(problem);
     let weighed = Weighed::of(problem, &search, &direct(problem.tracks, problem.rig), calibration);
-    let (mut none, mut other) = (weighed.unknown.min(1e-300), weighed.unknown);
+    let (mut none, mut other) = (0.0, weighed.unknown);
     for (h, probability) in weighed.hypotheses.iter().zip(&weighed.probabilities) {
         if h.effects.is_empty() {
             none = *probability;
@@ -133,7 +196,13 @@ fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
             direct.effects.iter().find(|found| found.effect == *effect).map_or(0.0, |found| found.gain)
         };
         // An effect that the filter sees and a direct channel too has both for it.
-        let gain = search.gain(fit) + effects.iter().map(found).sum::<f64>();
+        let grounds = Grounds {
+            flight: search.gain(fit),
+            direct: effects.iter().map(found).sum(),
+            first_alone: if effects.len() == 2 { search.alone(&effects) } else { 0.0 },
+            ..Grounds::default()
+        };
+        let gain = grounds.flight + grounds.direct;
         let forgiven = forgiven(search, fit, &effects);
         if all
             .iter()
@@ -142,7 +211,7 @@ fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
             return;
         }
         all.retain(|other| !same(&other.effects, &effects));
-        all.push(Hypothesis { effects, fit, direct: read.to_vec(), gain, regions: None, forgiven });
+        all.push(Hypothesis { effects, fit, direct: read.to_vec(), gain, regions: None, grounds, forgiven });
     };
     for fit in 0..search.fits.len() {
         add(fit, &[]);
@@ -158,21 +227,28 @@ fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
     all
 }
 
-/// What a second effect must gain, because the first one's law may be of another form.
+/// What a second effect must gain before it counts.
 fn forgiven(search: &Search, fit: usize, effects: &[usize]) -> f64 {
-    if effects.len() == 2 && search.fits[fit].point.effects.len() == 1 {
-        // A channel was read wrongly by a law of another form, and the flight is fed with that.
-        return FORGIVEN_NATS / 2.0;
-    }
-    if search.fits[fit].point.effects.len() < 2 {
-        return 0.0;
+    let &[a, b] = effects else { return 0.0 };
+    match search.fits[fit].point.effects.len() {
+        0 => return 0.0,
+        1 => return SECOND_BESIDE_CHANNEL_NATS,
+        _ => {}
     }
     let first = search.alone(effects);
-    if effects.iter().any(|effect| is_random(*effect)) {
-        FORGIVEN_NATS + RANDOM_SHARE * first
+    let (noise, law) = if is_random(a) { (a, b) } else { (b, a) };
+    let (nats, share) = if !is_random(noise) {
+        SECOND_LAW
+    } else if is_random(law) {
+        SECOND_NOISE
+    } else if search.alone(&[noise]) >= search.alone(&[law]) {
+        if LIBRARY[noise].name == "gusts" { LAW_ON_GUSTS } else { LAW_ON_NOISE }
+    } else if ["tracker-dropout", "tracker-outliers"].contains(&LIBRARY[noise].name) {
+        SECOND_READINGS
     } else {
-        FORGIVEN_SHARE * first
-    }
+        SECOND_NOISE
+    };
+    nats + share * first
 }
 
 fn same(a: &[usize], b: &[usize]) -> bool {
@@ -181,28 +257,47 @@ fn same(a: &[usize], b: &[usize]) -> bool {
 
 /// Adds to the leading hypotheses what their laws would gain in another form.
 fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypotheses: &mut [Hypothesis]) {
-    let leading = hypotheses.len().min(FORMS_WEIGHED);
-    let looked: Vec<Regions> = hypotheses[..leading]
-        .par_iter()
-        .map(|h| if h.fit == 0 { on_null.clone() } else { regions(problem, &search.fits[h.fit]) })
+    let mut singles = 0;
+    let leading: Vec<usize> = (0..hypotheses.len())
+        .filter(|i| {
+            let single = hypotheses[*i].effects.len() == 1;
+            singles += usize::from(single);
+            *i < FORMS_WEIGHED || single && singles <= SINGLE_FORMS_WEIGHED
+        })
         .collect();
-    for (h, found) in hypotheses.iter_mut().zip(looked) {
-        h.gain += FORM_BELIEVED * found.form.min(FORM_OF_GAIN * h.gain.max(0.0));
+    let looked: Vec<Regions> = leading
+        .par_iter()
+        .map(|i| match hypotheses[*i].fit {
+            0 => on_null.clone(),
+            fit => regions(problem, &search.fits[fit]),
+        })
+        .collect();
+    for (i, found) in leading.into_iter().zip(looked) {
+        let h = &mut hypotheses[i];
+        h.gain += FORM_BELIEVED * found.form.min(FORM_NATS + FORM_OF_GAIN * h.gain.max(0.0));
+        h.grounds.form = Some(found.form);
+        h.grounds.structure = Some(found.ceiling);
+        h.grounds.tracker = Some(found.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max));
         h.regions = Some(found);
     }
 }
 
 /// What no known law explains on top of a hypothesis, nats; below zero where less is left than is forgiven.
-fn unexplained(best: &Hypothesis, fit: &Fit, on_null: &Regions, direct: &Direct) -> f64 {
+fn unexplained(
+    best: &Hypothesis,
+    fit: &Fit,
+    on_null: &Regions,
+    [wave_on_null, mut wave]: [f64; 2],
+    direct: &Direct,
+) -> f64 {
     let on_best = best.regions.as_ref().unwrap_or(on_null);
     let gain = best.gain.max(0.0);
     let mut structure = on_best.ceiling - on_best.form.min(FORM_LEFT_OF_GAIN * gain);
-    let mut wave = on_best.wave().1;
     let only_gusts = fit.point.effects.len() == 1 && LIBRARY[fit.point.effects[0].0].name == "gusts";
     if only_gusts {
         // Wind has no structure: what a law would have explained, no gust does.
         structure = structure.max(on_null.ceiling);
-        wave = wave.max(on_null.wave().1 - 0.5 * gain);
+        wave = wave.max(wave_on_null - 0.5 * gain);
     }
     let tracker = on_best.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
     let structure = structure.max(tracker);

@@ -66,6 +66,8 @@ fn effects_are_named_with_parameters_near_those_planted() {
     // Relative errors of a few sigma; sizes are plain on these flights.
     for (text, name, parameter, planted) in [
         ("rotor-lag:time_constant_s=0.12", "rotor-lag", "time_constant_s", 0.12),
+        // A lag begins at rest: nothing happens at launch before the sticks' lagged throttle has crossed the offset.
+        ("actuator-lag:time_constant_s=0.05", "actuator-lag", "time_constant_s", 0.05),
         ("quadratic-drag:coefficient_n_s2_per_m2=0.05", "quadratic-drag", "coefficient_n_s2_per_m2", 0.05),
         ("ground-effect-shape:stretch=1.8,exponent=2", "ground-effect-shape", "stretch", 1.8),
     ] {

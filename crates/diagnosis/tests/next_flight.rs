@@ -111,12 +111,12 @@ fn the_proposed_mission_separates_the_two_that_a_hover_leaves_close() {
 
 #[test]
 fn the_proposed_mission_separates_two_that_are_named() {
-    let (nominal, real) = (rig(), with("rotor-lag:time_constant_s=0.03"));
+    let (nominal, real) = (rig(), with("quadratic-drag:coefficient_n_s2_per_m2=0.015"));
     let hover = mission("climb-040");
     let given = [track(&real, &hover, 1)];
     let before = diagnose(&given);
     let problem = Problem::new(&given, &nominal);
-    let between = Some(["rotor-lag", "tracker-latency"]);
+    let between = Some(["quadratic-drag", "inflow-damping"]);
     let flown = std::slice::from_ref(&hover);
     let next = NextFlight::propose(&problem, &before.candidates, between, flown, fly).unwrap();
     check(&real, &given[0], &hover, &before, &next);
@@ -166,12 +166,12 @@ fn what_no_flight_can_tell_apart_is_refused_in_words() {
 #[test]
 fn nothing_is_proposed_where_one_hypothesis_leads() {
     let nominal = rig();
-    let given = [track(&with("rotor-lag:time_constant_s=0.12"), &mission("steps"), 1)];
+    let given = [track(&with("quadratic-drag:coefficient_n_s2_per_m2=0.05"), &mission("steps"), 1)];
     let diagnosis = diagnose(&given);
     let problem = Problem::new(&given, &nominal);
     let refused = NextFlight::propose(&problem, &diagnosis.candidates, None, &[], fly).unwrap_err();
     assert!(
-        matches!(&refused, NextFlightError::NothingClose { first, .. } if first == "rotor-lag"),
+        matches!(&refused, NextFlightError::NothingClose { first, .. } if first == "quadratic-drag"),
         "{refused}"
     );
     assert!(diagnosis.next.iter().all(|words| !words.contains("--next-flight")));

@@ -80,8 +80,11 @@ pub struct Loop {
 /// The voltage output and its readback.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
-    /// Resolution over the airframe's stick range; 0: continuous.
+    /// Resolution over the airframe's stick range; 0: continuous, or in steps of its own.
     pub bits: u32,
+    /// Steps of its own, in units of the actuation, whose places only the readback tells: a converter whose range is not
+    /// the sticks', behind wires with gain and offset.
+    pub own_step: Option<f64>,
     /// One sigma of the readback, as a fraction of the stick range.
     pub readback_noise_fraction: f64,
 }
@@ -90,11 +93,28 @@ impl Output {
     /// What a pin holds when `value` is asked of it: within the sticks' range, rounded to the output's resolution.
     pub fn on_the_pin(&self, sticks: &StickRange, value: f64) -> f64 {
         let clamped = value.clamp(sticks.min, sticks.max);
-        if self.bits == 0 {
+        let step = self.step(sticks);
+        if step == 0.0 {
             return clamped;
         }
-        let step = (sticks.max - sticks.min) / f64::from((1_u32 << self.bits) - 1);
-        sticks.min + ((clamped - sticks.min) / step).round() * step
+        (sticks.min + ((clamped - sticks.min) / step).round() * step).min(sticks.max)
+    }
+
+    /// The same, as far as the command alone tells it: not rounded where the steps lie in places of their own.
+    pub fn expected_on_the_pin(&self, sticks: &StickRange, value: f64) -> f64 {
+        match self.own_step {
+            Some(_) => value.clamp(sticks.min, sticks.max),
+            None => self.on_the_pin(sticks, value),
+        }
+    }
+
+    /// One step, in units of the actuation; 0: continuous.
+    pub fn step(&self, sticks: &StickRange) -> f64 {
+        match self.own_step {
+            Some(step) => step,
+            None if self.bits == 0 => 0.0,
+            None => (sticks.max - sticks.min) / f64::from((1_u32 << self.bits) - 1),
+        }
     }
 }
 
@@ -294,6 +314,7 @@ impl Rig {
         });
         v.table("output", |v| {
             v.integer("bits", 0, 24, &mut self.output.bits);
+            v.maybe("own_step", Range::closed(1e-6, 1e3), &mut self.output.own_step);
             v.number(
                 "readback_noise_fraction",
                 Range::closed(0.0, 0.1),
@@ -357,6 +378,9 @@ impl Rig {
         let mut found = Vec::new();
         if self.plant.step_s > self.control_loop.period_s {
             found.push(("plant", "step_s is longer than the loop's period_s".to_owned()));
+        }
+        if self.output.own_step.is_some() && self.output.bits > 0 {
+            found.push(("output", "own_step and bits are both given; with own_step, bits is 0".to_owned()));
         }
         if self.plant.truth_period_s < self.plant.step_s {
             found.push(("plant", "truth_period_s is shorter than step_s".to_owned()));

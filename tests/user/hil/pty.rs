@@ -65,6 +65,54 @@ fn a_loopback_flight_is_flown_recorded_and_like_the_simulated_one() {
     );
 }
 
+/// What is ordered of the board, or done to the process, and the effect that it is.
+#[test]
+fn what_goes_wrong_on_the_way_to_the_airframe_is_diagnosed() {
+    let cases: [(&[&str], bool, Option<&str>); 5] = [
+        (&[], false, None),
+        (&["--dac-lag-ms", "80"], false, Some("actuator-lag")),
+        (&["--latency-ms", "15", "--jitter-ms", "5"], false, Some("actuator-lag")),
+        (&["--drop", "0.05"], false, Some("loop-overrun")),
+        (&[], true, Some("loop-overrun")),
+    ];
+    std::thread::scope(|scope| {
+        for (faults, held_up, expected) in cases {
+            scope.spawn(move || {
+                let scratch = Scratch::new();
+                let flights = ["a.mcap", "b.mcap"].map(|name| scratch.name(name));
+                let mission = short_mission(&scratch);
+                for (seed, flight) in flights.iter().enumerate() {
+                    let seed = (seed + 1).to_string();
+                    let board = Emulated::start(&scratch, &[faults, &["--seed", &seed]].concat());
+                    let flying = Flight::start(&scratch, &board.port, flight, &["--mission", &mission]);
+                    // A machine that has better to do: three times a quarter of a second without a slice of time.
+                    for size in [10_000, 25_000, 40_000].into_iter().filter(|_| held_up) {
+                        wait_for("a recording", || fs::metadata(flight).is_ok_and(|file| file.len() > size));
+                        flying.process.signal("STOP");
+                        std::thread::sleep(std::time::Duration::from_millis(250));
+                        flying.process.signal("CONT");
+                    }
+                    let (code, words) = flying.end();
+                    // Two commands in a row that are lost trip the board.
+                    assert!(matches!(code, Some(0 | 4)), "{faults:?}: {words}");
+                }
+                let diagnose =
+                    ["diagnose", "--rig", "rigs/loopback.toml", "--json", &flights[0], &flights[1]];
+                let report = json(&bench(diagnose).assert().success());
+                let named: Vec<&str> =
+                    report["effects"].as_array().unwrap().iter().filter_map(|name| name.as_str()).collect();
+                match expected {
+                    Some(effect) => {
+                        assert!(named.contains(&effect), "{faults:?}, held up {held_up}: {report}")
+                    }
+                    // On a busy machine iterations are late in earnest.
+                    None => assert!(named.iter().all(|name| *name == "loop-overrun"), "{report}"),
+                }
+            });
+        }
+    });
+}
+
 #[test]
 fn signals_bring_the_throttle_to_rest_before_the_recording_is_closed() {
     let scratch = Scratch::new();

@@ -120,7 +120,11 @@ pub fn closure(diagnosis: &Diagnosis) -> Option<String> {
     if diagnosis.verdict != Verdict::Effect {
         return Some(format!("{best} comes nearest and does not explain it{}", left_over(diagnosis)));
     }
-    let closure = diagnosis.gap.closure?;
+    let Some(closure) = diagnosis.gap.closure else {
+        return Some(format!(
+            "re-fitted numbers leave no gap above the floor that {best} could be seen to close"
+        ));
+    };
     let [value, low, high] = [closure.value, closure.low, closure.high].map(|share| fixed(100.0 * share, 0));
     let close = if diagnosis.effects.len() > 1 { "together close" } else { "closes" };
     Some(format!("{best} {close} {value} % ({low} to {high} %) of what re-fitting leaves above the floor"))
