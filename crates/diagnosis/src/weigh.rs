@@ -32,7 +32,7 @@ const SECOND_READINGS: (f64, f64) = (20.0, 0.2);
 /// a law on top of noise, whose size the law hardly bends,
 const LAW_ON_NOISE: (f64, f64) = (4.0, 0.012);
 /// a law on top of gusts, which are never quite the model's,
-const LAW_ON_GUSTS: (f64, f64) = (8.0, 0.25);
+const LAW_ON_GUSTS: (f64, f64) = (5.0, 0.7);
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
 const SECOND_BESIDE_CHANNEL_NATS: f64 = 6.0;
 /// In doubt, evidence counts so many times less.
@@ -127,8 +127,9 @@ impl Weighed {
         let pulses = pulses(problem, &search.fits[best.fit]);
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
         let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct);
-        if pulses > FORGIVEN_PULSES_NATS {
-            left = left.max(pulses - FORGIVEN_PULSES_NATS);
+        let beyond = pulses - forgiven_pulses(best);
+        if beyond > 0.0 {
+            left = left.max(beyond);
         }
         let unknown_gain = best.gain + left;
         let posterior = |temperature: f64| {
@@ -280,6 +281,12 @@ fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypoth
         h.grounds.tracker = Some(found.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max));
         h.regions = Some(found);
     }
+}
+
+/// Pushes that come now and then which count for nothing, nats: a law of another form leaves some too, wind does not.
+fn forgiven_pulses(best: &Hypothesis) -> f64 {
+    let windy = best.effects.iter().any(|effect| LIBRARY[*effect].name == "gusts");
+    FORGIVEN_PULSES_NATS + if windy { 0.0 } else { FORGIVEN_SHARE * best.gain.max(0.0) }
 }
 
 /// What no known law explains on top of a hypothesis, nats; below zero where less is left than is forgiven.
