@@ -1,6 +1,6 @@
 //! From flights to a verdict, and what is told of it.
 
-use bench_plant::effects::{LIBRARY, Stage};
+use bench_plant::effects::{LIBRARY, Stage, index_of};
 use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
@@ -439,8 +439,8 @@ fn place(
     let stage = top
         .effects
         .first()
-        .and_then(|name| LIBRARY.iter().find(|spec| spec.name == *name))
-        .map(|spec| spec.stage)
+        .and_then(|name| index_of(name))
+        .map(|index| LIBRARY[index].stage)
         .map(Stage::name);
     let best = &weighed.hypotheses[0];
     let on_best: &Regions = best.regions.as_ref().unwrap_or(&weighed.on_null);

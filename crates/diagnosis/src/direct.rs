@@ -4,7 +4,7 @@
 //! Each channel has its own likelihood, in which effects of its stage compete with ordinary behaviour. A channel's
 //! evidence adds to the evidence of the filter, which is fed with what the pins held and when.
 
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::index_of;
 use bench_rig::Rig;
 use serde::Serialize;
 
@@ -47,7 +47,7 @@ pub struct Finding {
 }
 
 fn library(name: &str) -> usize {
-    LIBRARY.iter().position(|spec| spec.name == name).unwrap_or_default()
+    index_of(name).unwrap_or_default()
 }
 
 /// Reads the direct channels of all flights.

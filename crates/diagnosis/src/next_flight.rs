@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::PathBuf};
 
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, index_of};
 use bench_recording::Flight;
 use bench_rig::{Chirp, EffectEntry, Location, Mission, Model, PhaseAction, PhasePlan, Profile, Rig};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -163,7 +163,7 @@ fn effects_of(name: &str) -> Result<Vec<usize>, NextFlightError> {
     }
     let mut effects = Vec::new();
     for part in name.split('+') {
-        let Some(index) = LIBRARY.iter().position(|spec| spec.name == part) else {
+        let Some(index) = index_of(part) else {
             let known = LIBRARY.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", ");
             return Err(NextFlightError::UnknownName { name: name.to_owned(), known });
         };
@@ -520,7 +520,7 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
         point.effects.iter().filter(|(effect, _)| !is_random(*effect)).cloned().collect();
     // Latency and origin are what the tracker does, not what it believes.
     let mut add = |name: &str, parameter: usize, value: f64| {
-        let Some(index) = LIBRARY.iter().position(|spec| spec.name == name) else { return };
+        let Some(index) = index_of(name) else { return };
         let at = effects.iter().position(|(effect, _)| *effect == index).unwrap_or_else(|| {
             effects.push((index, vec![0.0; LIBRARY[index].parameters.len()]));
             effects.len() - 1

@@ -1,6 +1,6 @@
 //! Which hypotheses are fitted: none, every effect, and pairs built forward on the best.
 
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, index_of};
 use rayon::prelude::*;
 
 use crate::{
@@ -47,7 +47,7 @@ pub struct Search {
 
 /// Library indices of the effects that the filter can fit.
 pub fn fitted_effects() -> Vec<usize> {
-    FITTED.iter().filter_map(|name| LIBRARY.iter().position(|spec| spec.name == *name)).collect()
+    FITTED.iter().filter_map(|name| index_of(name)).collect()
 }
 
 impl Search {
@@ -56,7 +56,7 @@ impl Search {
         let null = problem.fit_null();
         let mut effects = fitted_effects();
         if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
-            effects.extend(LIBRARY.iter().position(|spec| spec.name == "tilt-loss"));
+            effects.extend(index_of("tilt-loss"));
         }
         // Where frames keep a clock, what is late or lost shows in their arrivals or nowhere.
         let clocked = problem.tracks.iter().any(|track| !track.waits_s.is_empty());

@@ -46,6 +46,11 @@ use rand_chacha::ChaCha8Rng;
 use crate::nominal::Air;
 pub use spec::{EffectError, EffectSpec, Parameter, Prior, Stage, parse_effect, resolve_all};
 
+/// Where an effect stands in the [`LIBRARY`].
+pub fn index_of(name: &str) -> Option<usize> {
+    LIBRARY.iter().position(|spec| spec.name == name)
+}
+
 /// Every effect the bench knows, by stage from the tracker to the airframe. Those listed in a rig act in this order.
 pub static LIBRARY: [&EffectSpec; 26] = [
     &tracker_latency::SPEC,

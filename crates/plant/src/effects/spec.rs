@@ -228,7 +228,7 @@ pub fn resolve_all(entries: &[EffectEntry]) -> Result<Vec<(usize, Vec<f64>)>, Ef
 }
 
 fn resolve(entry: &EffectEntry) -> Result<(usize, Vec<f64>), EffectError> {
-    let index = LIBRARY.iter().position(|spec| spec.name == entry.name).ok_or_else(|| unknown(entry))?;
+    let index = super::index_of(&entry.name).ok_or_else(|| unknown(entry))?;
     let spec = LIBRARY[index];
     check_keys(entry, spec)?;
     let values = spec.parameters.iter().map(|parameter| value(entry, spec, parameter));
