@@ -324,6 +324,11 @@ impl<'a> Problem<'a> {
         best
     }
 
+    /// The flights as a point predicts them, nothing fitted.
+    pub fn predict(&self, point: &Point, noise: &Noise) -> Pass {
+        run(self.tracks, self.rig, point, noise, &[])
+    }
+
     /// Levenberg-Marquardt on the posterior, noise included, from a start.
     pub fn refine(&self, start: Point, noise: Noise) -> Fit {
         self.refine_within(start, noise, MAX_PASSES)

@@ -222,6 +222,13 @@ fn without_track(fit: &Fit, track: usize) -> Point {
 
 const LAGS: usize = 10;
 
+impl Consistency {
+    /// Of innovations in the order of time; nothing wrong is found in a dozen or less.
+    pub fn of(innovations: &[Innovation]) -> Self {
+        consistency(innovations)
+    }
+}
+
 fn consistency(innovations: &[Innovation]) -> Consistency {
     let n = innovations.len();
     if n <= LAGS + 1 {
