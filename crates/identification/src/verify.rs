@@ -35,7 +35,7 @@ pub struct Tolerance {
 
 impl Default for Tolerance {
     fn default() -> Self {
-        Self { ahead_m: 0.05, trajectory_m: None, inside: 0.8 }
+        Self { ahead_m: 0.02, trajectory_m: None, inside: 0.8 }
     }
 }
 

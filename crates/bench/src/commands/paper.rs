@@ -7,9 +7,10 @@ use std::{
 
 use anyhow::{Context, bail};
 use bench_device::TrackStatus;
+use bench_diagnosis::Track;
 use bench_identification::{
     GroundIdentification, Law, OpenLoop, Readings, ThrustIdentification, ThrustOptions, Tolerance,
-    Verification, identify_ground_effect, identify_thrust, verify,
+    Verification, identify_flights, identify_ground_effect, identify_thrust, verify,
 };
 use bench_page::{Figure, Mark, escaped};
 use bench_plant::effects::parse_effect;
@@ -57,6 +58,8 @@ pub struct Arguments {
 const DISCHARGE: &str = "battery-discharge:loss_per_hover_minute=0.01";
 /// The air of the laboratory.
 const GUSTS: &str = "gusts:sigma_m_s=0.02,correlation_time_s=0.7";
+/// Flights from which the model is refined, hops and climbs in turn.
+const TUNING_FLIGHTS: u64 = 4;
 /// A climb that a room calls violent: this fast after a second, m/s.
 const VIOLENT_M_S: f64 = 0.5;
 /// The altitude of figure 15, m.
@@ -88,7 +91,8 @@ struct Work {
     thrust: ThrustIdentification,
     ground: GroundIdentification,
     hop: Flight,
-    hop_verified: Verification,
+    /// By the numbers from the balance alone, and with what other flights told.
+    hop_verified: [Verification; 2],
     climb: Flight,
     model_climb: Flight,
 }
@@ -151,19 +155,35 @@ impl Work {
         let thrust = identify_thrust(&table("thrust.csv", Plan::thrust(&lab), &on_balance)?, &lab, &options)?;
         let ground_readings = table("ground.csv", Plan::ground(&lab), &lab)?;
         let ground = identify_ground_effect(&ground_readings, &thrust.rig, &options, false)?;
-        let rig = ground.rig.clone();
+        let from_balance = ground.rig.clone();
         files::write_rig(
-            &folder.join("rig.toml"),
-            "identified by `bench paper` from its own readings.",
-            &rig,
+            &folder.join("rig-balance.toml"),
+            "gain, offset and ground effect by `bench paper` from its own readings.",
+            &from_balance,
         )?;
 
-        eprintln!("flights: hop and climb, in the laboratory and by the model");
+        eprintln!("flights: hops and climbs of the laboratory, for what the balance does not tell");
         let mut air = lab.clone();
         air.effects.push(parse_effect(GUSTS)?);
+        let mut tracks = Vec::new();
+        for i in 0..TUNING_FLIGHTS {
+            let mission = if i % 2 == 0 { &hop } else { &climb };
+            let name = format!("tuning-{}.mcap", i + 1);
+            let flight = fly(&air, mission, seed + 1 + i, &folder.join(&name))?;
+            tracks.push(Track::from_flight(&name, &flight, &from_balance)?);
+        }
+        let rig = identify_flights(&tracks, &from_balance)?.rig;
+        let head =
+            "rig-balance.toml refined by `bench paper` as `bench identify flight` does, from tuning-*.mcap.";
+        files::write_rig(&folder.join("rig.toml"), head, &rig)?;
+
+        eprintln!("figures 11, 15 and 16: another hop and climb, and the model");
         let hop = fly(&air, &hop, seed, &folder.join("hop.mcap"))?;
-        let open: OpenLoop = open_loop("figure 11: a hop at one throttle", &hop, &rig)?;
-        let hop_verified = verify(&[open], &rig, &Tolerance::default())?;
+        let against = |rig: &Rig| -> anyhow::Result<Verification> {
+            let open: OpenLoop = open_loop("Figure 11: a hop at one throttle", &hop, rig)?;
+            Ok(verify(&[open], rig, &Tolerance::default())?)
+        };
+        let hop_verified = [against(&from_balance)?, against(&rig)?];
         let climb_flight = fly(&air, &climb, seed, &folder.join("climb.mcap"))?;
         let model_climb = fly(&calm(&rig), &climb, seed, &folder.join("climb-model.mcap"))?;
         Ok(Self { lab, rig, thrust, ground, hop, hop_verified, climb: climb_flight, model_climb })
@@ -319,7 +339,8 @@ impl Work {
             rule: "above 1, below 1",
             passed: ground > 1.0 && beyond < 1.0,
         });
-        let verified = &self.hop_verified.flights[0];
+        let [first, refined] = &self.hop_verified;
+        let (first_verified, verified) = (&first.flights[0], &refined.flights[0]);
         let told = &verified.trajectory;
         let height = a.ground_effect.height_m.value;
         for (what, z) in [
@@ -351,15 +372,16 @@ impl Work {
         out.push(Stated {
             figure: "11",
             section: "3.5",
-            stated: "model and flight agree very closely",
+            stated: "model and flight agree very closely, after minor changes to what the rig told",
             made: format!(
-                "{:.1} cm RMS 1 s ahead; {:.1} cm from the throttle alone, {:.0} % of sightings in the band of 95 %",
+                "{:.1} cm RMS 1 s ahead; {:.1} cm from the throttle alone ({:.1} cm before the changes), {:.0} % of sightings in the band of 95 %",
                 100.0 * verified.k_step_m[1].unwrap_or(f64::NAN),
                 100.0 * verified.trajectory_rms_m,
+                100.0 * first_verified.trajectory_rms_m,
                 100.0 * verified.inside
             ),
-            rule: "`bench verify` passes with its usual tolerance",
-            passed: self.hop_verified.passed,
+            rule: "`bench verify` passes with its usual tolerance and 5 cm from the throttle alone",
+            passed: refined.passed && verified.trajectory_rms_m < 0.05,
         });
     }
 
@@ -448,8 +470,8 @@ impl Work {
             ),
             (
                 "figure-11",
-                trajectory_figure(&self.hop_verified.flights[0]),
-                "One throttle all the time. The model has the numbers from the balance and is told the throttle alone; the bands hold 50 and 95 % of trajectories within its tolerances.",
+                self.figure_11(),
+                "One throttle all the time, which is all that the model is told. Its numbers are from the balance, refined by four other flights as in the paper's section 3.5; dashed is the balance alone. The bands hold 50 and 95 % of trajectories within its tolerances.",
             ),
             (
                 "figure-15",
@@ -471,6 +493,17 @@ impl Work {
         figure.add("altitude, m", Mark::Steps, 0, states().map(|s| (s.time.seconds(), s.estimate_m[2])));
         figure.add("speed, m/s", Mark::Steps, 2, states().map(|s| (s.time.seconds(), s.estimate_m_s[2])));
         figure
+    }
+
+    fn figure_11(&self) -> Figure {
+        let [first, refined] = &self.hop_verified;
+        let mut figure = trajectory_figure(&refined.flights[0]);
+        let told = &first.flights[0].trajectory;
+        let before = told.time_s.iter().copied().zip(told.nominal_m.iter().copied());
+        figure.add("balance alone", Mark::Dashed, 2, before);
+        // The band of a hop that one kick more would throw out of the room is not worth its height.
+        let highest = told.seen_m.iter().chain(&told.nominal_m).copied().fold(0.0, f64::max);
+        figure.axes(None, Some([-0.02, 1.6 * highest]))
     }
 
     fn figure_15(&self) -> Figure {
@@ -505,7 +538,7 @@ impl Work {
             arguments.seed
         );
         out.push_str(&format!(
-            "<section class=\"card\"><p>No real airframe flew here. The laboratory is the virtual one of rig <code>{}</code> with {GUSTS}, its tracker's noise, rounding and delay and its output's steps; the balance is emulated ({DISCHARGE}, 0.08 g of noise, steps of 0.1 g, one reading in 25 off by up to 5 g). The model knows of it only what <code>bench identify</code> found in the readings, besides mass, drag and latency, which the rig gives. The paper prints its figures without tables, so what is compared is what it says of them in words.</p></section>",
+            "<section class=\"card\"><p>No real airframe flew here. The laboratory is the virtual one of rig <code>{}</code> with {GUSTS}, its tracker's noise, rounding and delay and its output's steps; the balance is emulated ({DISCHARGE}, 0.08 g of noise, steps of 0.1 g, one reading in 25 off by up to 5 g). The model knows of it what <code>bench identify</code> found in the readings and in four flights that are not shown, the rig's tolerances being what is known before. The paper prints its figures without tables, so what is compared is what it says of them in words.</p></section>",
             escaped(&self.lab.name)
         ));
         for (name, figure, words) in figures {
