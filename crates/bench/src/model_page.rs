@@ -319,7 +319,7 @@ pub fn verification(found: &Verification, rig: &Rig) -> String {
     let drawn: String = found
         .flights
         .iter()
-        .map(|flight| card(&trajectory_figure(flight).svg(), "The line is the rig's model from the recorded throttle alone, in calm air; the bands hold 50 and 95 % of trajectories within the rig's tolerances in ordinary air."))
+        .map(|flight| card(&trajectory_figure(flight).svg(), "The line is the rig's model from the recorded throttle alone, in calm air; the bands hold 50 and 95 % of trajectories within the rig's tolerances in ordinary air, as far as they are within the figure."))
         .collect();
     let verdict =
         if found.passed { "The model predicts these flights" } else { "The model misses these flights" };

@@ -53,14 +53,18 @@ pub fn command() -> String {
     std::iter::once("bench".to_owned()).chain(given).collect::<Vec<_>>().join(" ")
 }
 
-/// Four digits, as plain as they can be.
+/// Four digits at most, as plain as they can be.
 pub fn short(x: f64) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
     let digits = 3 - x.abs().log10().floor() as i32;
     match digits {
-        0..=7 => format!("{x:.*}", digits as usize),
+        1..=7 => {
+            let text = format!("{x:.*}", digits as usize);
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        }
+        0 => format!("{x:.0}"),
         i32::MIN..0 => format!("{x:.0}"),
         _ => format!("{x:.3e}"),
     }
@@ -113,6 +117,12 @@ mod tests {
             ["a/b-1.mcap", "my flight", "it's", ""].map(quoted),
             ["a/b-1.mcap", "'my flight'", "'it'\\''s'", "''"]
         );
+    }
+
+    #[test]
+    fn four_digits_are_enough() {
+        let told = [0.02, 1.932_4, 350.0, 12_345.6, -0.000_123_45, 0.0].map(short);
+        assert_eq!(told, ["0.02", "1.932", "350", "12346", "-0.0001234", "0"]);
     }
 
     #[test]

@@ -87,5 +87,7 @@ pub fn trajectory_figure(flight: &FlightVerified) -> Figure {
     let at = |z: &[f64]| told.time_s.iter().copied().zip(z.iter().copied()).collect::<Vec<_>>();
     figure.add("model", Mark::Line, 0, at(&told.nominal_m));
     figure.add("seen", Mark::Dots, 1, at(&told.seen_m));
-    figure
+    // The band of a hop that one kick more would throw out of the room is not worth its height.
+    let highest = told.seen_m.iter().chain(&told.nominal_m).copied().fold(0.0, f64::max);
+    figure.axes(None, Some([-0.05 * highest - 0.01, 1.8 * highest]))
 }
