@@ -62,8 +62,8 @@ fn list(title: &str, lines: &[String]) -> String {
     if lines.is_empty() {
         return String::new();
     }
-    let items: String = lines.iter().map(|line| format!("<li>{}</li>", escaped(line))).collect();
-    format!("<section class=\"card warn\"><h2>{}</h2><ul>{items}</ul></section>", escaped(title))
+    let items: Vec<String> = lines.iter().map(|line| format!("<li>{}</li>", escaped(line))).collect();
+    format!("<section class=\"card warn\"><h2>{}</h2><ul>{}</ul></section>", escaped(title), items.concat())
 }
 
 fn refused(all: &[Refused]) -> String {

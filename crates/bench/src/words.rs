@@ -64,8 +64,7 @@ pub fn short(x: f64) -> String {
             let text = format!("{x:.*}", digits as usize);
             text.trim_end_matches('0').trim_end_matches('.').to_owned()
         }
-        0 => format!("{x:.0}"),
-        i32::MIN..0 => format!("{x:.0}"),
+        i32::MIN..=0 => format!("{x:.0}"),
         _ => format!("{x:.3e}"),
     }
 }

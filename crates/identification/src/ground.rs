@@ -515,7 +515,7 @@ impl Fitter {
         let mut covariance = DMatrix::zeros(n, n);
         let (mut squares, mut readings) = (0.0, 0_usize);
         for _ in 0..FITS {
-            let known = self.normal(law, &x, cells, spread).try_inverse();
+            let known = Self::normal(law, &x, cells, spread).try_inverse();
             let sigma = known.map_or(0.1, |c| c[(1, 1)].max(0.0).sqrt()).clamp(0.005, 0.3);
             let mut best = self.at_length(law, x[1], x[0], cells, spread);
             for step in SEARCH {
@@ -533,7 +533,7 @@ impl Fitter {
             (squares, readings) = used.fold((0.0, 0), |(sum, n), (_, r)| (sum + r * r, n + 1));
             spread = Spread::new(squares / readings.saturating_sub(n).max(1) as f64, self.step);
             covariance =
-                self.normal(law, &x, cells, spread).try_inverse().unwrap_or_else(|| DMatrix::zeros(n, n));
+                Self::normal(law, &x, cells, spread).try_inverse().unwrap_or_else(|| DMatrix::zeros(n, n));
         }
         // What hangs there is known to its own error, which moves all thrusts alike.
         let free = x.rows(2, n - 2).sum() / (n - 2) as f64;
@@ -602,7 +602,7 @@ impl Fitter {
     }
 
     /// Fisher information of multiplier, logarithm of the length and free thrusts.
-    fn normal(&self, law: Law, x: &DVector<f64>, cells: &[Cell], spread: Spread) -> DMatrix<f64> {
+    fn normal(law: Law, x: &DVector<f64>, cells: &[Cell], spread: Spread) -> DMatrix<f64> {
         let n = x.len();
         let mut normal = DMatrix::zeros(n, n);
         for cell in cells {
@@ -721,29 +721,9 @@ impl Fitter {
         if with_shape && laws[0].law != Law::Linear {
             shape(&mut out, &fits[1], &mut warnings);
         }
-        let points = self.rows.iter().map(|row| GroundPoint {
-            line: row.line,
-            throttle: row.setting,
-            altitude_m: row.altitude_m,
-            thrust_n: row.thrust_n,
-            used: row.used,
-        });
-        let points = points.collect();
-        let off = self.residuals(fits[best].law, &fits[best].x);
         let scatter = fits[best].spread.variance.sqrt();
-        let mut refused = self.refused;
-        refused.extend(self.rows.iter().zip(off).filter(|(row, _)| !row.used).map(|(row, off)| Refused {
-            line: row.line,
-            throttle: self.settings[row.setting].0,
-            thrust_n: Some(row.thrust_n),
-            why: format!(
-                "off the {} law by {:+.2} g, {:.0} sigma",
-                fits[best].law.name(),
-                off * 1000.0 / GRAVITY_M_S2,
-                off.abs() / scatter
-            ),
-        }));
-        refused.sort_by_key(|refused| refused.line);
+        let resolution_n = self.step;
+        let (points, refused) = self.sorted(&fits[best]);
         Ok(GroundIdentification {
             schema: "bench.identification.ground-effect/1",
             numbers,
@@ -751,12 +731,40 @@ impl Fitter {
             throttles,
             throttles_differ_p,
             reading_sigma_n: scatter,
-            resolution_n: self.step,
+            resolution_n,
             points,
             refused,
             warnings,
             rig: out,
         })
+    }
+
+    /// The readings as thrust, and those that are not used.
+    fn sorted(mut self, best: &Fit) -> (Vec<GroundPoint>, Vec<Refused>) {
+        let point = |row: &Row| GroundPoint {
+            line: row.line,
+            throttle: row.setting,
+            altitude_m: row.altitude_m,
+            thrust_n: row.thrust_n,
+            used: row.used,
+        };
+        let points = self.rows.iter().map(point).collect();
+        let off = self.residuals(best.law, &best.x);
+        let scatter = best.spread.variance.sqrt();
+        let mut refused = std::mem::take(&mut self.refused);
+        refused.extend(self.rows.iter().zip(off).filter(|(row, _)| !row.used).map(|(row, off)| Refused {
+            line: row.line,
+            throttle: self.settings[row.setting].0,
+            thrust_n: Some(row.thrust_n),
+            why: format!(
+                "off the {} law by {:+.2} g, {:.0} sigma",
+                best.law.name(),
+                off * 1000.0 / GRAVITY_M_S2,
+                off.abs() / scatter
+            ),
+        }));
+        refused.sort_by_key(|refused| refused.line);
+        (points, refused)
     }
 
     /// Each throttle's own multiplier, the boundary as common.

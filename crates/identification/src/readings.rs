@@ -232,8 +232,9 @@ impl Columns {
 /// Decimal places of a number as written.
 fn places(text: &str) -> i32 {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
-    let written = mantissa.split_once('.').map_or(0, |(_, after)| after.len() as i32);
-    written - exponent.parse::<i32>().unwrap_or(0)
+    let written =
+        mantissa.split_once('.').map_or(0, |(_, after)| i32::try_from(after.len()).unwrap_or(i32::MAX / 2));
+    written.saturating_sub(exponent.parse::<i32>().unwrap_or(0))
 }
 
 #[cfg(test)]

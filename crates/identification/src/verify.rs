@@ -31,11 +31,13 @@ pub struct Tolerance {
     pub trajectory_m: Option<f64>,
     /// Least share of sightings within the band of 95 %.
     pub inside: f64,
+    /// Greatest mean of squared errors over expected ones, of predictions from sighting to sighting; 1 for a right model.
+    pub consistency: f64,
 }
 
 impl Default for Tolerance {
     fn default() -> Self {
-        Self { ahead_m: 0.02, trajectory_m: None, inside: 0.8 }
+        Self { ahead_m: 0.02, trajectory_m: None, inside: 0.8, consistency: 2.0 }
     }
 }
 
@@ -211,6 +213,16 @@ fn checks(flights: &[FlightVerified], tolerance: &Tolerance) -> Result<Vec<Verif
             limit,
             at_least: false,
             passed: value <= limit,
+        });
+    }
+    if let Some((value, flight)) = worst(&|flight| Some(flight.consistency.mean_nis)) {
+        checks.push(VerifyCheck {
+            name: "squared errors over expected, sighting to sighting",
+            flight: Some(flight),
+            value,
+            limit: tolerance.consistency,
+            at_least: false,
+            passed: value <= tolerance.consistency,
         });
     }
     let sightings: usize = flights.iter().map(|flight| flight.trajectory.seen_m.len()).sum();

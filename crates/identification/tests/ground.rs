@@ -143,10 +143,7 @@ fn readings_that_tell_nothing_are_refused_in_words() {
             "throttle_v,altitude_m,reading_g\n0,0,15\n1.9,0,0\n1.9,0.1,3\n".to_owned(),
             "at 2 different altitudes",
         ),
-        (
-            good.lines().filter(|row| !row.starts_with("0,")).map(|row| format!("{row}\n")).collect(),
-            "--hanging-g",
-        ),
+        (good.lines().filter(|row| !row.starts_with("0,")).collect::<Vec<_>>().join("\n"), "--hanging-g"),
     ] {
         let told = identify(&text, false).unwrap_err().to_string();
         assert!(told.contains(words), "{words}: {told}");

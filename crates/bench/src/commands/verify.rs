@@ -41,6 +41,9 @@ pub struct Arguments {
     /// Least share of sightings in the band that holds 95 % of predictions
     #[arg(long, value_name = "SHARE", default_value_t = Tolerance::default().inside)]
     inside: f64,
+    /// Greatest mean of squared errors over expected ones in any flight, from sighting to sighting; 1 for a right model
+    #[arg(long, value_name = "RATIO", default_value_t = Tolerance::default().consistency)]
+    consistency: f64,
     /// Print as JSON (schema bench.verification/1)
     #[arg(long)]
     json: bool,
@@ -60,10 +63,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if !(0.0..=1.0).contains(&arguments.inside) {
         bail!("--inside must be a share from 0 to 1, not {}", arguments.inside);
     }
+    if !(arguments.consistency.is_finite() && arguments.consistency > 0.0) {
+        bail!("--consistency must be a number above 0, not {}", arguments.consistency);
+    }
     let tolerance = Tolerance {
         ahead_m: above_zero("--tolerance", arguments.tolerance)?,
         trajectory_m: arguments.trajectory.map(|x| above_zero("--trajectory", x)).transpose()?,
         inside: arguments.inside,
+        consistency: arguments.consistency,
     };
     let rig = files::rig(&arguments.rig)?;
     bench_plant::effects::resolve_all(&rig.effects)?;
