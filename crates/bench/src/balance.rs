@@ -40,7 +40,7 @@ impl Plan {
         let mut throttles = vec![min, min + 0.5 * (a.thrust.offset.value - min)];
         throttles.extend((0..9).map(|i| a.throttle_for((0.2 + 0.1625 * f64::from(i)) * a.weight_n())));
         Self {
-            throttles: rounded(&throttles, a.sticks.max - min),
+            throttles: settable(&throttles, rig),
             altitudes_mm: Vec::new(),
             levels: vec![("full".to_owned(), 0.0), ("half".to_owned(), 3.0)],
             repeats: 3,
@@ -59,7 +59,7 @@ impl Plan {
         let height_mm = 1000.0 * a.ground_effect.height_m.value;
         let altitudes = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.6, 2.4];
         Self {
-            throttles: rounded(&throttles, a.sticks.max - a.sticks.min),
+            throttles: settable(&throttles, rig),
             altitudes_mm: altitudes.map(|share| (share * height_mm).round()).to_vec(),
             levels: vec![("full".to_owned(), 0.0)],
             repeats: 2,
@@ -120,8 +120,13 @@ impl Plan {
 /// Far from any surface, m.
 const FAR_M: f64 = 10.0;
 
-/// To a thousandth of the range, as somebody would set it.
-fn rounded(throttles: &[f64], range: f64) -> Vec<f64> {
-    let step = 10_f64.powf((1e-3 * range).log10().ceil());
-    throttles.iter().map(|u| (u / step).round() * step).map(|u| (u * 1e6).round() / 1e6).collect()
+/// Within the sticks' range and to a thousandth of it, as somebody would set it.
+fn settable(throttles: &[f64], rig: &Rig) -> Vec<f64> {
+    let (min, max) = (rig.airframe.sticks.min, rig.airframe.sticks.max);
+    let step = 10_f64.powf((1e-3 * (max - min)).log10().ceil());
+    let round = |u: f64| ((u / step).round() * step * 1e6).round() / 1e6;
+    let mut out: Vec<f64> = throttles.iter().map(|u| round(u.clamp(min, max))).collect();
+    out.retain(|u| (min..=max).contains(u));
+    out.dedup();
+    out
 }

@@ -75,7 +75,7 @@ fn refused(all: &[Refused]) -> String {
         .map(|one| {
             vec![
                 one.line.to_string(),
-                short(one.throttle),
+                one.throttle.map_or_else(|| "-".to_owned(), short),
                 one.thrust_n.map_or_else(|| "-".to_owned(), |thrust| format!("{:.2}", grams(thrust))),
                 escaped(&one.why),
             ]

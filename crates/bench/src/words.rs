@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn values_have_the_digits_that_their_sigma_tells() {
         let told = [(0.105_123, 0.001_26), (1.9, 0.0), (14.83, 12.0), (0.0503, 2e-5)].map(with_sigma);
-        assert_eq!(told, ["0.1051 ± 0.0013", "1.900", "15 ± 12", "0.050300 ± 0.000020"]);
+        assert_eq!(told, ["0.1051 ± 0.0013", "1.9", "15 ± 12", "0.050300 ± 0.000020"]);
     }
 
     #[test]

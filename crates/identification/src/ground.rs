@@ -282,7 +282,7 @@ impl Fitter {
             let mut refuse = |why: &str| {
                 out.refused.push(Refused {
                     line: row.line,
-                    throttle: row.throttle,
+                    throttle: Some(row.throttle),
                     thrust_n: Some(thrust_n),
                     why: why.to_owned(),
                 });
@@ -328,7 +328,7 @@ impl Fitter {
             let (throttle, level) = self.settings[row.setting];
             Refused {
                 line: row.line,
-                throttle,
+                throttle: Some(throttle),
                 thrust_n: Some(row.thrust_n),
                 why: match readings.levels[level].as_str() {
                     "" => "this throttle was read at one altitude alone".to_owned(),
@@ -754,7 +754,7 @@ impl Fitter {
         let mut refused = std::mem::take(&mut self.refused);
         refused.extend(self.rows.iter().zip(off).filter(|(row, _)| !row.used).map(|(row, off)| Refused {
             line: row.line,
-            throttle: self.settings[row.setting].0,
+            throttle: Some(self.settings[row.setting].0),
             thrust_n: Some(row.thrust_n),
             why: format!(
                 "off the {} law by {:+.2} g, {:.0} sigma",

@@ -51,8 +51,8 @@ pub struct Reading {
 pub struct Refused {
     /// Line in the file, counted from one.
     pub line: u64,
-    /// In the rig's unit.
-    pub throttle: f64,
+    /// In the rig's unit, where the row has it.
+    pub throttle: Option<f64>,
     /// Thrust as the reading has it, N, where there is a reading.
     pub thrust_n: Option<f64>,
     /// Why.
@@ -151,7 +151,7 @@ impl Readings {
             let (Some(throttle), Some(shown)) = (throttle, shown) else {
                 out.refused.push(Refused {
                     line,
-                    throttle: throttle.unwrap_or(f64::NAN),
+                    throttle,
                     thrust_n: None,
                     why: "a cell is empty".to_owned(),
                 });

@@ -351,9 +351,6 @@ impl<'a> Fitter<'a> {
             }
             let found = Segments::of(&groups, self.rig.airframe.sticks.min, self.step);
             let count = groups.len();
-            let edge = |i: usize| (i > 0 && i < count).then(|| [groups[i - 1].throttle, groups[i].throttle]);
-            self.levels[level].dead_zone = edge(found.dead);
-            self.levels[level].saturation = edge(count - found.saturated);
             for row in self.rows.iter_mut().filter(|row| row.level == level && row.used == Use::Line) {
                 let at = groups.partition_point(|group| group.throttle < row.throttle);
                 if at < found.dead {
@@ -453,7 +450,7 @@ impl<'a> Fitter<'a> {
                     && self.levels[self.rows[*i].level].left_out.is_none()
             })
             .collect();
-        let was: Vec<Use> = self.rows.iter().map(|row| row.used).collect();
+        let mut was: Vec<Use> = self.rows.iter().map(|row| row.used).collect();
         let first: Vec<f64> = candidates.iter().map(|i| residuals[*i]).collect();
         let mut sigma = robust_sigma(&first, 2 * self.levels.len()).max(self.step / 12_f64.sqrt());
         for _ in 0..ROUNDS {
@@ -477,6 +474,10 @@ impl<'a> Fitter<'a> {
                 let Some((_, line)) = lines.of.iter().find(|(level, _)| *level == row.level) else {
                     continue;
                 };
+                if line.gain > 0.0 && row.throttle < line.offset(lines.middle) {
+                    // No rotor pulls down: below where the line meets no thrust there is none.
+                    was[*i] = Use::Rest;
+                }
                 residuals[*i] = match was[*i] {
                     Use::Rest => row.y - line.zero,
                     _ => row.y - line.at_middle - line.gain * (row.throttle - lines.middle),
@@ -484,7 +485,26 @@ impl<'a> Fitter<'a> {
             }
             sigma = lines.spread.variance.sqrt();
         }
+        self.set_edges();
         Ok(())
+    }
+
+    /// Thrust begins and ends to grow between throttles that are used.
+    fn set_edges(&mut self) {
+        for level in 0..self.levels.len() {
+            let ends = |used: Use| {
+                let own = self.rows.iter().filter(|row| row.level == level && row.used == used);
+                own.map(|row| row.throttle).fold(None, |ends: Option<[f64; 2]>, u| {
+                    let [low, high] = ends.unwrap_or([u, u]);
+                    Some([low.min(u), high.max(u)])
+                })
+            };
+            let line = ends(Use::Line);
+            let dead_zone = ends(Use::Rest).zip(line).map(|(rest, line)| [rest[1], line[0]]);
+            let saturation = line.zip(ends(Use::Saturated)).map(|(line, flat)| [line[1], flat[0]]);
+            self.levels[level].dead_zone = dead_zone.filter(|[from, to]| from < to);
+            self.levels[level].saturation = saturation.filter(|[from, to]| from < to);
+        }
     }
 
     fn scattered(&self, refused: usize, all: usize) -> IdentifyError {
@@ -661,6 +681,11 @@ impl Segments {
 }
 
 impl Line {
+    /// Throttle at which it meets no thrust.
+    fn offset(&self, middle: f64) -> f64 {
+        middle - (self.at_middle - self.zero) / self.gain
+    }
+
     /// Thrust at the middle, N, with its covariance with the gain.
     fn thrust(&self) -> (Vector2<f64>, Matrix2<f64>) {
         let mut covariance = self.covariance;
@@ -961,7 +986,7 @@ impl Fitter<'_> {
                 };
                 Some(Refused {
                     line: point.line,
-                    throttle: point.throttle,
+                    throttle: Some(point.throttle),
                     thrust_n: Some(point.thrust_n),
                     why,
                 })

@@ -215,3 +215,19 @@ fn readings_that_tell_nothing_are_refused_in_words() {
         assert!(told.contains(words), "{words}: {told}");
     }
 }
+
+#[test]
+fn a_throttle_below_the_offset_gives_no_thrust_whatever_its_readings_are_taken_for_first() {
+    // One throttle in the dead zone besides rest, its readings off by chance.
+    let mut text = String::from("throttle_v,reading_g\n");
+    for (throttle, shown) in [(0.0, 21.4), (0.25, 21.6), (0.25, 21.5), (0.25, 19.8)] {
+        let _ = writeln!(text, "{throttle},{shown}");
+    }
+    for step in 0..10 {
+        let throttle = 0.75 + 0.2 * f64::from(step);
+        let _ = writeln!(text, "{throttle:.2},{:.1}", 21.4 - grams(0.1051 * (throttle - 0.5)));
+    }
+    let found = identify(&text, &ThrustOptions::default()).unwrap();
+    assert_eq!(found.levels[0].dead_zone, Some([0.25, 0.75]));
+    assert!((found.numbers[1].after.0 - 0.5).abs() < 0.02, "{:?}", found.numbers[1]);
+}

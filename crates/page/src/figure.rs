@@ -73,6 +73,13 @@ impl Figure {
         }
     }
 
+    /// Under another title.
+    #[must_use]
+    pub fn titled(mut self, title: &str) -> Self {
+        title.clone_into(&mut self.title);
+        self
+    }
+
     /// Ends of the axes, where they are not to follow the data.
     #[must_use]
     pub fn axes(mut self, x: Option<[f64; 2]>, y: Option<[f64; 2]>) -> Self {

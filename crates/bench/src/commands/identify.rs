@@ -85,7 +85,8 @@ fn refused_in_words(out: &mut String, refused: &[Refused]) {
             writeln!(out, "  {} at rest, for the weight alone", words::count(rest.len() as u64, "reading"));
     }
     for one in others.iter().take(MOST) {
-        let _ = writeln!(out, "  line {}, throttle {}: {}", one.line, short(one.throttle), one.why);
+        let throttle = one.throttle.map_or_else(|| "none".to_owned(), short);
+        let _ = writeln!(out, "  line {}, throttle {throttle}: {}", one.line, one.why);
     }
     if others.len() > MOST {
         let _ = writeln!(out, "  and {} more; --json has all", others.len() - MOST);

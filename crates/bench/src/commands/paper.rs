@@ -189,12 +189,12 @@ impl Work {
             ),
             (
                 "figure-9",
-                thrust_figure(&self.thrust, &self.rig),
+                thrust_figure(&self.thrust, &self.rig).titled("Figure 9: thrust over throttle"),
                 "Readings of the emulated balance at two levels of charge, weight taken off, and the lines fitted to them; crosses are refused.",
             ),
             (
                 "figure-10",
-                ground_figure(&self.ground),
+                ground_figure(&self.ground).titled("Figure 10: thrust over altitude"),
                 "Thrust at three throttles over altitude, with the linear law.",
             ),
             (
