@@ -158,7 +158,7 @@ pub struct Innovation {
     pub variance_m2: f64,
     /// Its share of the negative log-likelihood.
     pub nll: f64,
-    /// The quantities of [`Axis::ALL`], in its order.
+    /// Altitude, m; speed, m/s; thrust over weight; its change of late; time, s; charge, min; voltage, V.
     pub axes: [f64; AXES],
 }
 
