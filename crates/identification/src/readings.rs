@@ -196,7 +196,10 @@ impl Columns {
     fn of(names: &csv::StringRecord, actuation: Actuation) -> Result<Self, String> {
         let at = |name: &str| names.iter().position(|column| column.eq_ignore_ascii_case(name));
         let own = format!("throttle_{}", actuation.suffix());
-        let found = || names.iter().collect::<Vec<_>>().join(", ");
+        let found = || match names.len() {
+            0 => "nothing".to_owned(),
+            _ => names.iter().collect::<Vec<_>>().join(", "),
+        };
         let Some(throttle) = at(&own).or_else(|| at("throttle")) else {
             let other = Actuation::CHOICES.iter().find_map(|(_, choice)| {
                 let name = format!("throttle_{}", choice.suffix());

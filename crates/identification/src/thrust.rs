@@ -271,9 +271,10 @@ impl<'a> Fitter<'a> {
             readings.levels.iter().map(|name| Level { name: name.clone(), ..Level::default() }).collect();
         let out = Self { rows, levels, rig, options, mounting, step, warnings: Vec::new() };
         let throttles = out.throttles(None);
-        if out.rows.len() < LEAST_READINGS || throttles < LEAST_THROTTLES {
+        let usable = out.rows.iter().filter(|row| row.used == Use::Line).count();
+        if usable < LEAST_READINGS || throttles < LEAST_THROTTLES {
             return Err(IdentifyError::TooFewReadings {
-                usable: out.rows.len(),
+                usable,
                 throttles,
                 level: String::new(),
                 least: LEAST_READINGS,
