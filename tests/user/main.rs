@@ -8,6 +8,7 @@ mod frames;
 mod hil;
 mod identify;
 mod import;
+mod model;
 mod record;
 mod sim;
 mod support;

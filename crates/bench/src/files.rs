@@ -68,6 +68,34 @@ pub fn make_room(output: &Path, force: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Says whether a new file may be written here, before the work.
+pub fn may_write(output: &Path, force: bool) -> anyhow::Result<()> {
+    if output.exists() && !force {
+        bail!("{} exists; name another output or add --force", output.display());
+    }
+    Ok(())
+}
+
+/// Writes a rig under the name of its file, below lines that say how it was made. What is written must read back.
+pub fn write_rig(output: &Path, head: &str, rig: &Rig) -> anyhow::Result<()> {
+    let mut rig = rig.clone();
+    if let Some(name) = output.file_stem() {
+        rig.name = name.to_string_lossy().into_owned();
+    }
+    let text = format!("# {}: {head}\n{}", rig.name, rig.to_toml());
+    Rig::read(output, &text).context("what was identified makes no rig; nothing written")?;
+    write(output, &text)
+}
+
+/// Writes a text; its folder is made.
+pub fn write(output: &Path, text: &str) -> anyhow::Result<()> {
+    if let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    std::fs::write(output, text).with_context(|| format!("cannot write {}", output.display()))
+}
+
 /// Where a simulation is recorded when no output is named.
 pub fn default_recording(mission: &str, seed: u64) -> PathBuf {
     Path::new("recordings").join(format!("{mission}-{seed}.mcap"))

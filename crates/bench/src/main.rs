@@ -2,6 +2,7 @@
 //!
 //! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
 
+mod balance;
 mod blind_answer;
 mod calibration;
 mod commands;
@@ -9,6 +10,7 @@ mod diagnosis;
 mod exit;
 mod files;
 mod flight;
+mod model_page;
 mod seen;
 mod words;
 
@@ -52,6 +54,8 @@ enum Command {
     Track(commands::track::Arguments),
     Calibrate(commands::calibrate::Arguments),
     Identify(commands::identify::Arguments),
+    Verify(commands::verify::Arguments),
+    Paper(commands::paper::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -68,6 +72,8 @@ fn main() -> std::process::ExitCode {
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
         Command::Identify(arguments) => commands::identify::run(&arguments),
+        Command::Verify(arguments) => commands::verify::run(&arguments),
+        Command::Paper(arguments) => commands::paper::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),

@@ -37,6 +37,52 @@ pub fn tables(exported: &bench_recording::Exported) -> String {
     }
 }
 
+/// A word as a shell takes it.
+pub fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+/// The command that was given, as a shell takes it.
+pub fn command() -> String {
+    let given = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
+    std::iter::once("bench".to_owned()).chain(given).collect::<Vec<_>>().join(" ")
+}
+
+/// Four digits at most, as plain as they can be.
+pub fn short(x: f64) -> String {
+    if x == 0.0 {
+        return "0".to_owned();
+    }
+    let digits = 3 - x.abs().log10().floor() as i32;
+    match digits {
+        1..=7 => {
+            let text = format!("{x:.*}", digits as usize);
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        }
+        i32::MIN..=0 => format!("{x:.0}"),
+        _ => format!("{x:.3e}"),
+    }
+}
+
+/// A value and its one sigma, as many digits as the sigma tells: two of it.
+pub fn with_sigma((value, sigma): (f64, f64)) -> String {
+    if !(sigma.is_finite() && sigma > 0.0) {
+        return short(value);
+    }
+    let places = (1 - sigma.log10().floor() as i32).clamp(0, 9) as usize;
+    format!("{value:.places$} ± {sigma:.places$}")
+}
+
+/// A probability in words: small ones by their size.
+pub fn probability(p: f64) -> String {
+    if p < 1e-3 { format!("{p:.0e}") } else { format!("{p:.2}") }
+}
+
 /// Writes text or JSON to standard output.
 pub fn print(text: &str) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
@@ -63,6 +109,26 @@ pub fn is_closed_pipe(error: &anyhow::Error) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn words_of_the_command_survive_a_shell() {
+        assert_eq!(
+            ["a/b-1.mcap", "my flight", "it's", ""].map(quoted),
+            ["a/b-1.mcap", "'my flight'", "'it'\\''s'", "''"]
+        );
+    }
+
+    #[test]
+    fn four_digits_are_enough() {
+        let told = [0.02, 1.932_4, 350.0, 12_345.6, -0.000_123_45, 0.0].map(short);
+        assert_eq!(told, ["0.02", "1.932", "350", "12346", "-0.0001234", "0"]);
+    }
+
+    #[test]
+    fn values_have_the_digits_that_their_sigma_tells() {
+        let told = [(0.105_123, 0.001_26), (1.9, 0.0), (14.83, 12.0), (0.0503, 2e-5)].map(with_sigma);
+        assert_eq!(told, ["0.1051 ± 0.0013", "1.9", "15 ± 12", "0.050300 ± 0.000020"]);
+    }
 
     #[test]
     fn numbers_are_grouped_and_sized() {

@@ -322,6 +322,11 @@ impl<'a> Problem<'a> {
         best
     }
 
+    /// The flights as a point predicts them, nothing fitted.
+    pub fn predict(&self, point: &Point, noise: &Noise) -> Pass {
+        run(self.tracks, self.rig, point, noise, &[])
+    }
+
     /// What a promise on top of a fit comes to, with the fit's random effects as they are.
     pub fn keep(&self, promise: Promise, base: &Fit) -> Fit {
         let fit = self.refine(promise.start, base.noise);

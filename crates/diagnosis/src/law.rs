@@ -149,7 +149,7 @@ pub struct Law {
     pub tilt_cos: f64,
     /// How much later than the tracker believes an exposure was seen, s, the rig's latency included.
     pub latency_s: f64,
-    /// Factor and offset [m] of the altitude as seen.
+    /// Factor and offset, m, of the altitude as seen.
     pub scale: (f64, f64),
 }
 

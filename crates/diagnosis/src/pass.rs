@@ -158,7 +158,7 @@ pub struct Innovation {
     pub variance_m2: f64,
     /// Its share of the negative log-likelihood.
     pub nll: f64,
-    /// The quantities of [`Axis::ALL`], in its order.
+    /// Altitude, m; speed, m/s; thrust over weight; its change of late; time, s; charge, min; voltage, V.
     pub axes: [f64; AXES],
 }
 
@@ -261,12 +261,13 @@ const STEP_S: f64 = 0.034;
 /// A repeated reading is stale if it is so many sigma off the prediction.
 const STALE_SIGMAS: f64 = 2.5;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
-const NEAR_GROUND_M: f64 = 0.07;
+pub const NEAR_GROUND_M: f64 = 0.07;
 /// Process noise there, m/s^2 per root Hz.
-const NEAR_GROUND_ACCELERATION: f64 = 0.024;
-/// Spread of altitude [m] and speed [m/s] when the airframe leaves the ground.
-const LIFT_OFF_M: f64 = 0.001;
-const LIFT_OFF_M_S: f64 = 0.04;
+pub const NEAR_GROUND_ACCELERATION: f64 = 0.024;
+/// Spread of altitude when the airframe leaves the ground, m.
+pub const LIFT_OFF_M: f64 = 0.001;
+/// Spread of speed then, m/s.
+pub const LIFT_OFF_M_S: f64 = 0.04;
 /// Innovations beyond this many sigma count linearly.
 const HUBER: f64 = 4.0;
 

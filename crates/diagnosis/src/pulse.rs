@@ -5,9 +5,9 @@
 //! 84, 1989; Harvey and Koopman, *Diagnostic checking of unobserved-components time series models*, Journal of Business
 //! and Economic Statistics 10, 1992). Wind pushes either way: only what is one-sided counts.
 
-use libm::erfc;
 use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
+use statrs::function::erf::erfc;
 
 use crate::{
     fit::{Fit, Problem},

@@ -1,4 +1,4 @@
-use std::fmt;
+use std::{fmt, path::PathBuf};
 
 use thiserror::Error;
 
@@ -79,6 +79,164 @@ pub enum IdentifyError {
         sighting_m: f64,
         /// Share of sightings at wrong places, %.
         outlier_percent: f64,
+    },
+    /// A table of readings could not be read at all.
+    #[error("{}: {detail}", file.display())]
+    Table {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// A cell of a table of readings is no number.
+    #[error("{}:{line}: column `{column}` has {text:?}; a number is expected (empty: no reading)", file.display())]
+    Cell {
+        /// The file.
+        file: PathBuf,
+        /// Counted from one.
+        line: u64,
+        /// Name of the column.
+        column: String,
+        /// What stands there.
+        text: String,
+    },
+    /// Too little to tell a line from noise.
+    #[error(
+        "{usable} readings at {throttles} different throttles between dead zone and saturation{level}; at least {least} at 3 throttles are needed for a line and its tolerance"
+    )]
+    TooFewReadings {
+        /// How many readings can be used.
+        usable: usize,
+        /// At how many throttles.
+        throttles: usize,
+        /// Of which battery level, where there are several.
+        level: String,
+        /// How many readings are needed.
+        least: usize,
+    },
+    /// Another unit of the throttle, or another airframe.
+    #[error(
+        "{}:{line}: throttle {throttle} is outside the rig's {min} to {max} {unit}{hint}; check the column's unit and --rig", file.display()
+    )]
+    ThrottleOutside {
+        /// The file.
+        file: PathBuf,
+        /// Counted from one.
+        line: u64,
+        /// The throttle.
+        throttle: f64,
+        /// The rig's range.
+        min: f64,
+        /// The rig's range.
+        max: f64,
+        /// The rig's unit.
+        unit: &'static str,
+        /// What the size of the factor suggests.
+        hint: &'static str,
+    },
+    /// Another unit of the balance.
+    #[error(
+        "the greatest thrust is {ratio:.3} of the rig's weight of {weight_g:.1} g{hint}; check the column's unit (`reading_g`, `reading_n`) and the rig's mass"
+    )]
+    ForceScale {
+        /// Greatest thrust over weight.
+        ratio: f64,
+        /// The weight as a mass, g.
+        weight_g: f64,
+        /// What the size of the factor suggests.
+        hint: &'static str,
+    },
+    /// The other way round.
+    #[error("thrust {how}: {slope_g:.2} g per {unit} (one sigma {sigma_g:.2}); {advice}")]
+    ReadingsFall {
+        /// Whether it falls, or does not change plainly.
+        how: &'static str,
+        /// Thrust per unit of throttle, g.
+        slope_g: f64,
+        /// Its standard error, g.
+        sigma_g: f64,
+        /// The rig's unit.
+        unit: &'static str,
+        /// What to try.
+        advice: &'static str,
+    },
+    /// What hangs there is not known, so no weight can be taken off.
+    #[error(
+        "nothing says what the balance carries while the rotors rest: there is no reading at throttle {rest} or in the dead zone; add one, or give --hanging-g GRAMS"
+    )]
+    NoRest {
+        /// Throttle at rest.
+        rest: f64,
+    },
+    /// The readings are not of one relationship.
+    #[error(
+        "{refused} of {all} readings lie off any one {law}: they are not of one airframe in one condition, or columns are mixed up{first}"
+    )]
+    Scattered {
+        /// How many would have to be refused.
+        refused: usize,
+        /// Of how many.
+        all: usize,
+        /// What was fitted.
+        law: &'static str,
+        /// The first of them.
+        first: String,
+    },
+    /// Altitudes that no balance rig has.
+    #[error(
+        "altitudes reach {highest_m} m, while the rig's ground effect ends at {boundary_m} m: {hint}; the column is read as {unit}"
+    )]
+    AltitudeScale {
+        /// The highest, m.
+        highest_m: f64,
+        /// The rig's boundary, m.
+        boundary_m: f64,
+        /// What the size suggests.
+        hint: &'static str,
+        /// The unit of the column.
+        unit: &'static str,
+    },
+    /// Too little to tell a law of altitude.
+    #[error(
+        "{usable} readings with the rotors turning at {altitudes} different altitudes; at least {least} at 4 altitudes are needed, some of them above the ground effect"
+    )]
+    TooFewAltitudes {
+        /// How many readings can be used.
+        usable: usize,
+        /// At how many altitudes.
+        altitudes: usize,
+        /// How many readings are needed.
+        least: usize,
+    },
+    /// Thrust does not rise towards the ground.
+    #[error(
+        "these readings show no ground effect: thrust at the ground is {ratio:.3} of that far from it{hint}"
+    )]
+    NoGroundEffect {
+        /// The multiplier found.
+        ratio: f64,
+        /// What to check.
+        hint: &'static str,
+    },
+    /// The numbers found are none that a rig may have.
+    #[error("{name} would be {value:.4}, which no rig may have ({range}); {advice}")]
+    OutOfRange {
+        /// The number.
+        name: &'static str,
+        /// What was found.
+        value: f64,
+        /// What is allowed.
+        range: &'static str,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// There is nothing to hold a model against.
+    #[error("{flight}: {reason}")]
+    NotVerifiable {
+        /// The flight.
+        flight: String,
+        /// Why.
+        reason: String,
     },
 }
 

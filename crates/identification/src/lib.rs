@@ -1,7 +1,10 @@
 //! The nominal model's numbers and their tolerances, from measurements.
 //!
 //! ```text
+//! balance readings (CSV)           -> Readings -> identify_thrust        -> the rig with gain, offset, throttle that hovers
+//!                                              -> identify_ground_effect -> the rig with the ground effect
 //! nominal flights + a rig as prior -> identify_flights -> the rig with values and tolerances that cover the flights
+//! open-loop flights + a rig        -> verify           -> how well the rig's model predicts them
 //! ```
 //!
 //! Flights are fitted by the filter of the diagnosis, so that a rig identified here is what the diagnosis holds flights
@@ -9,9 +12,23 @@
 
 mod error;
 mod flight;
+mod ground;
 mod noise;
 mod plausible;
+mod readings;
 mod spread;
+mod statistics;
+mod thrust;
+mod verify;
 
 pub use error::{Contradiction, IdentifyError};
 pub use flight::{FlightIdentification, IdentifiedNumber, identify_flights};
+pub use ground::{
+    GroundIdentification, GroundNumber, GroundPoint, Law, LawTold, ThrottleTold, identify_ground_effect,
+};
+pub use readings::{Mounting, Reading, Readings, Refused};
+pub use thrust::{
+    LevelLine, LevelsDiffer, Linearity, Measured, Point, ThrustIdentification, ThrustOptions, Use,
+    identify_thrust,
+};
+pub use verify::{FlightVerified, OpenLoop, Tolerance, Trajectory, Verification, VerifyCheck, verify};

@@ -3,8 +3,10 @@
 //!
 //! What a page says belongs to the crate whose result it shows; here is only what such pages share.
 
+mod figure;
 mod plot;
 
+pub use figure::{COLOURS, Figure, Mark};
 pub use plot::{Bar, Frame, HEIGHT, Point, Rows, Tick, WIDTH, range, share, ticks, x_axis};
 
 const STYLE: &str = include_str!("page.css");

@@ -7,8 +7,10 @@
 //!
 //! The nominal airframe is the paper's vertical model ([`nominal`]), alone or carried by a rigid body with six degrees of
 //! freedom ([`body`]) that is exactly that model when level. [`effects`] holds one file an effect; the same laws serve
-//! this simulator and the diagnosis. [`lab`] ties it all to the traits of `bench_device`.
+//! this simulator and the diagnosis. [`lab`] ties it all to the traits of `bench_device`; [`balance`] holds the airframe still
+//! on a balance instead.
 
+pub mod balance;
 pub mod body;
 pub mod effects;
 pub mod integrator;

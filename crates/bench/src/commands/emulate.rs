@@ -1,3 +1,5 @@
+mod balance;
+
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
@@ -18,6 +20,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Device {
     Psoc5(Psoc5),
+    Balance(balance::Balance),
 }
 
 /// A PSoC5 board on a pseudo terminal, its outputs wired to its inputs, until Ctrl-C
@@ -66,7 +69,10 @@ struct Psoc5 {
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
-    let Device::Psoc5(arguments) = arguments.device;
+    let arguments = match arguments.device {
+        Device::Psoc5(arguments) => arguments,
+        Device::Balance(arguments) => return balance::run(&arguments),
+    };
     let faults = arguments.faults()?;
     // A real board does not wait for this machine's processes: where that is granted, neither does this one.
     let _ = Granted::ask();

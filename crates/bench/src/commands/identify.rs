@@ -1,11 +1,16 @@
+mod ground;
+mod thrust;
+
 use std::{fmt::Write as _, path::PathBuf};
 
-use anyhow::{Context, bail};
-use bench_identification::{FlightIdentification, identify_flights};
-use bench_rig::Rig;
-use clap::{Args, Subcommand};
+use anyhow::Context;
+use bench_identification::{
+    FlightIdentification, Mounting, Readings, Refused, ThrustOptions, identify_flights,
+};
+use bench_rig::{GRAVITY_M_S2, Rig};
+use clap::{Args, Subcommand, ValueEnum};
 
-use crate::{commands::tracks::Selection, exit::Exit, files, words};
+use crate::{commands::tracks::Selection, exit::Exit, files, words, words::short};
 
 /// Find the rig's numbers and their tolerances from measurements
 #[derive(Args)]
@@ -16,7 +21,81 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 enum What {
+    Thrust(thrust::ThrustArguments),
+    GroundEffect(ground::GroundArguments),
     Flight(FlightArguments),
+}
+
+/// How a balance was used.
+#[derive(Args)]
+struct Balance {
+    /// How thrust comes to the balance; not asked where the column is called `thrust_g` or `thrust_n`
+    #[arg(long, value_name = "HOW", default_value = "suspended")]
+    mounting: MountingChoice,
+    /// What the balance carries while the rotors rest, g, where no reading tells
+    #[arg(long, value_name = "GRAMS")]
+    hanging_g: Option<f64>,
+    /// Step of the balance, g, where the readings' digits do not tell
+    #[arg(long, value_name = "GRAMS")]
+    resolution_g: Option<f64>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum MountingChoice {
+    /// It carries the hanging airframe: readings fall by the thrust (the paper's figure 8)
+    Suspended,
+    /// The same, zeroed with the airframe hanging at rest
+    Tared,
+    /// Thrust presses on it, zeroed at rest
+    Pressing,
+}
+
+impl Balance {
+    fn options(&self) -> anyhow::Result<ThrustOptions> {
+        let newtons = |name: &str, grams: Option<f64>| -> anyhow::Result<Option<f64>> {
+            match grams {
+                Some(g) if !(g.is_finite() && g > 0.0) => anyhow::bail!("{name} must be above 0, not {g}"),
+                _ => Ok(grams.map(|g| g * GRAVITY_M_S2 / 1000.0)),
+            }
+        };
+        Ok(ThrustOptions {
+            mounting: match self.mounting {
+                MountingChoice::Suspended => Mounting::Suspended,
+                MountingChoice::Tared => Mounting::Tared,
+                MountingChoice::Pressing => Mounting::Pressing,
+            },
+            hanging_n: newtons("--hanging-g", self.hanging_g)?,
+            resolution_n: newtons("--resolution-g", self.resolution_g)?,
+            ..ThrustOptions::default()
+        })
+    }
+}
+
+/// Grams of thrust.
+fn grams(newtons: f64) -> f64 {
+    newtons * 1000.0 / GRAVITY_M_S2
+}
+
+/// Readings that are not used, in words; the many at rest in one line.
+fn refused_in_words(out: &mut String, refused: &[Refused]) {
+    const MOST: usize = 12;
+    let (rest, others): (Vec<_>, Vec<_>) = refused.iter().partition(|one| one.why.ends_with("weight alone"));
+    if !rest.is_empty() {
+        let _ =
+            writeln!(out, "  {} at rest, for the weight alone", words::count(rest.len() as u64, "reading"));
+    }
+    for one in others.iter().take(MOST) {
+        let throttle = one.throttle.map_or_else(|| "none".to_owned(), short);
+        let _ = writeln!(out, "  line {}, throttle {throttle}: {}", one.line, one.why);
+    }
+    if others.len() > MOST {
+        let _ = writeln!(out, "  and {} more; --json has all", others.len() - MOST);
+    }
+}
+
+/// Reads a table of readings for a rig.
+fn readings(table: &std::path::Path, rig: &Rig) -> anyhow::Result<Readings> {
+    Readings::load(table, rig).context("nothing identified, nothing written")
 }
 
 /// From flights that are known to be nominal
@@ -47,14 +126,14 @@ struct FlightArguments {
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     match &arguments.what {
+        What::Thrust(arguments) => thrust::run(arguments),
+        What::GroundEffect(arguments) => ground::run(arguments),
         What::Flight(arguments) => flight(arguments),
     }
 }
 
 fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
-    if arguments.output.exists() && !arguments.force {
-        bail!("{} exists; name another output or add --force", arguments.output.display());
-    }
+    files::may_write(&arguments.output, arguments.force)?;
     let rig = files::rig(&arguments.rig)?;
     let (tracks, refused) = arguments.selection.tracks(&rig, |_, _| {})?;
     let found = identify_flights(&tracks, &rig);
@@ -63,18 +142,7 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
         refused => format!("nothing identified, nothing written; not used:\n{}", refused.join("\n")),
     })?;
     found.warnings = refused;
-    if let Some(name) = arguments.output.file_stem() {
-        found.rig.name = name.to_string_lossy().into_owned();
-    }
-    let text = file(&found, arguments);
-    // What is written must be a rig.
-    Rig::read(&arguments.output, &text).context("what was identified makes no rig; nothing written")?;
-    if let Some(folder) = arguments.output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    }
-    std::fs::write(&arguments.output, text)
-        .with_context(|| format!("cannot write {}", arguments.output.display()))?;
+    files::write_rig(&arguments.output, &head(&found, arguments), &found.rig)?;
     if arguments.json {
         words::print_json(&found)?;
     } else {
@@ -83,20 +151,19 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// The rig file: how it was made, then the rig.
-fn file(found: &FlightIdentification, arguments: &FlightArguments) -> String {
+/// How the rig was made.
+fn head(found: &FlightIdentification, arguments: &FlightArguments) -> String {
     let mut out = format!(
-        "# {}: identified by `bench identify flight{}` from {},\n# with {} as prior. A sigma covers the spread between flights.\n",
-        found.rig.name,
+        "identified by `bench identify flight{}` from {},\n# with {} as prior. A sigma covers the spread between flights.",
         arguments.selection.options(),
         words::count(found.flights.len() as u64, "flight"),
         arguments.rig.display(),
     );
     let left: Vec<_> = found.numbers.iter().filter(|n| !n.identified).map(|n| n.name).collect();
     if !left.is_empty() {
-        let _ = writeln!(out, "# Not told by these flights, left as in the prior: {}.", left.join(", "));
+        let _ = write!(out, "\n# Not told by these flights, left as in the prior: {}.", left.join(", "));
     }
-    out + &found.rig.to_toml()
+    out
 }
 
 fn in_words(found: &FlightIdentification, arguments: &FlightArguments) -> String {
@@ -147,17 +214,4 @@ fn in_words(found: &FlightIdentification, arguments: &FlightArguments) -> String
         let _ = writeln!(out, "warning: {warning}");
     }
     out
-}
-
-/// Four digits, as plain as they can be.
-fn short(x: f64) -> String {
-    if x == 0.0 {
-        return "0".to_owned();
-    }
-    let digits = 3 - x.abs().log10().floor() as i32;
-    match digits {
-        0..=7 => format!("{x:.*}", digits as usize),
-        i32::MIN..0 => format!("{x:.0}"),
-        _ => format!("{x:.3e}"),
-    }
 }

@@ -179,7 +179,7 @@ fn capitalised(words: &str) -> String {
 }
 
 fn again(out: &mut String, diagnosis: &Diagnosis, made: &Made<'_>) {
-    let command: Vec<String> = made.command.iter().map(|word| quoted(word)).collect();
+    let command: Vec<String> = made.command.iter().map(|word| words::quoted(word)).collect();
     let _ = write!(
         out,
         "<h2>Make it again</h2><section class=\"card\"><pre>{}</pre></section>\
@@ -191,27 +191,9 @@ fn again(out: &mut String, diagnosis: &Diagnosis, made: &Made<'_>) {
     );
 }
 
-/// A word as a shell takes it.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn words_of_the_command_survive_a_shell() {
-        assert_eq!(
-            ["a/b-1.mcap", "my flight", "it's", ""].map(quoted),
-            ["a/b-1.mcap", "'my flight'", "'it'\\''s'", "''"]
-        );
-    }
 
     #[test]
     fn back_quotes_become_code_and_markup_stays_text() {

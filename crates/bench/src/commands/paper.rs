@@ -1,0 +1,341 @@
+//! The paper's figures, made by the bench.
+
+mod series;
+mod statements;
+
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, bail};
+use bench_diagnosis::Track;
+use bench_identification::{
+    GroundIdentification, OpenLoop, Readings, ThrustIdentification, ThrustOptions, Tolerance, Verification,
+    identify_flights, identify_ground_effect, identify_thrust, verify,
+};
+use bench_page::{Figure, Mark, escaped};
+use bench_plant::effects::parse_effect;
+use bench_recording::{Flight, Mode, Options, Record, Recorder, Session};
+use bench_rig::{Mission, Model, Phase, Rig};
+use bench_run::{Ending, Sink, simulate};
+use clap::Args;
+use serde::Serialize;
+
+use self::{
+    series::{seen, seen_speed, true_altitude, true_speed},
+    statements::Statement,
+};
+use super::verify::open_loop;
+use crate::{
+    balance::Plan,
+    exit::Exit,
+    files,
+    model_page::{self, card, ground_figure, mark, table, thrust_figure, trajectory_figure},
+    words,
+};
+
+/// Make the paper's figures 4, 9, 10, 11, 15 and 16 with the bench itself, beside what the paper says of them
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench paper -o paper/ && xdg-open paper/index.html
+  bench paper --rig rigs/virtual.toml --seed 3 -o paper/ --json
+
+It goes the paper's way: readings of an emulated balance, gain and offset from them, the ground effect, a rig with these
+numbers; then flights of the virtual lab in gusty air against that rig's model, open loop and closed. Into the folder go the
+figures as SVG, index.html with the table of what is stated and what was made, the readings, the rig and the recordings.
+Exit code 1 says that something stated was not met.")]
+pub struct Arguments {
+    /// Folder for figures, page, readings, rig and recordings
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Rig that stands for the laboratory, with missions hop and climb-040 beside it
+    #[arg(long, default_value = files::DEFAULT_RIG)]
+    rig: PathBuf,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print what was stated and made as JSON (schema bench.paper/1)
+    #[arg(long)]
+    json: bool,
+}
+
+/// Loss of thrust by the emulated battery: the paper's figure 9 shows a small one and gives no number.
+const DISCHARGE: &str = "battery-discharge:loss_per_hover_minute=0.01";
+/// The air of the laboratory.
+const GUSTS: &str = "gusts:sigma_m_s=0.02,correlation_time_s=0.7";
+/// Flights from which the model is refined, hops and climbs in turn.
+const TUNING_FLIGHTS: u64 = 4;
+
+#[derive(Serialize)]
+struct Made<'a> {
+    schema: &'static str,
+    passed: bool,
+    statements: &'a [Statement],
+    figures: Vec<String>,
+}
+
+/// All that the figures are made of.
+struct Work {
+    lab: Rig,
+    rig: Rig,
+    thrust: ThrustIdentification,
+    ground: GroundIdentification,
+    hop: Flight,
+    /// By the numbers from the balance alone, and with what other flights told.
+    hop_verified: [Verification; 2],
+    climb: Flight,
+    model_climb: Flight,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    if arguments.output.exists() && !arguments.output.is_dir() {
+        bail!("{} is not a folder", arguments.output.display());
+    }
+    let work = Work::through(arguments)?;
+    let statements = work.statements();
+    let figures = work.figures();
+    for (name, figure, _) in &figures {
+        files::write(&arguments.output.join(format!("{name}.svg")), &format!("{}\n", figure.svg()))?;
+    }
+    let page = arguments.output.join("index.html");
+    files::write(&page, &work.page(&statements, &figures, arguments))?;
+    let passed = statements.iter().all(|one| one.passed);
+    if arguments.json {
+        let figures = figures.iter().map(|(name, ..)| format!("{name}.svg")).collect();
+        words::print_json(&Made { schema: "bench.paper/1", passed, statements: &statements, figures })?;
+    } else {
+        let mut out = String::new();
+        for one in &statements {
+            let verdict = if one.passed { "pass" } else { "FAIL" };
+            // Writing to a String cannot fail.
+            let _ =
+                writeln!(out, "{verdict}  figure {:<3} {}\n      made: {}", one.figure, one.stated, one.made);
+        }
+        let _ = write!(
+            out,
+            "\n{} and {} beside it",
+            page.display(),
+            words::count(figures.len() as u64, "figure")
+        );
+        words::print(&out)?;
+    }
+    Ok(if passed { Exit::Done } else { Exit::CheckFailed })
+}
+
+impl Work {
+    /// Measure, identify, verify, fly.
+    fn through(arguments: &Arguments) -> anyhow::Result<Self> {
+        let folder = &arguments.output;
+        let lab = files::rig(&arguments.rig)?;
+        let rig_file = &arguments.rig;
+        let (hop, climb) = (files::mission("hop", rig_file)?, files::mission("climb-040", rig_file)?);
+
+        eprintln!("balance: throttle, thrust and altitude");
+        let mut on_balance = lab.clone();
+        on_balance.effects.push(parse_effect(DISCHARGE)?);
+        let seed = arguments.seed;
+        let made = format!("# made by {}\n", words::command());
+        let table = |name: &str, plan: Plan, rig: &Rig| -> anyhow::Result<Readings> {
+            let path = folder.join(name);
+            let text = made.clone() + &Plan { seed: seed + 1, ..plan }.readings(rig)?;
+            files::write(&path, &text)?;
+            Ok(Readings::load(&path, &lab)?)
+        };
+        let options = ThrustOptions::default();
+        let thrust = identify_thrust(&table("thrust.csv", Plan::thrust(&lab), &on_balance)?, &lab, &options)?;
+        let ground_readings = table("ground.csv", Plan::ground(&lab), &lab)?;
+        let ground = identify_ground_effect(&ground_readings, &thrust.rig, &options, false)?;
+        let from_balance = ground.rig.clone();
+        files::write_rig(
+            &folder.join("rig-balance.toml"),
+            "gain, offset and ground effect by `bench paper` from its own readings.",
+            &from_balance,
+        )?;
+
+        eprintln!("flights: hops and climbs of the laboratory, for what the balance does not tell");
+        let mut air = lab.clone();
+        air.effects.push(parse_effect(GUSTS)?);
+        let mut tracks = Vec::new();
+        for i in 0..TUNING_FLIGHTS {
+            let mission = if i % 2 == 0 { &hop } else { &climb };
+            let name = format!("tuning-{}.mcap", i + 1);
+            let flight = fly(&air, mission, seed + 1 + i, &folder.join(&name))?;
+            tracks.push(Track::from_flight(&name, &flight, &from_balance)?);
+        }
+        let rig = identify_flights(&tracks, &from_balance)?.rig;
+        let head =
+            "rig-balance.toml refined by `bench paper` as `bench identify flight` does, from tuning-*.mcap.";
+        files::write_rig(&folder.join("rig.toml"), head, &rig)?;
+
+        eprintln!("figures 11, 15 and 16: another hop and climb, and the model");
+        let hop = fly(&air, &hop, seed, &folder.join("hop.mcap"))?;
+        let against = |rig: &Rig| -> anyhow::Result<Verification> {
+            let open: OpenLoop = open_loop("Figure 11: a hop at one throttle", &hop, rig)?;
+            Ok(verify(&[open], rig, &Tolerance::default())?)
+        };
+        let hop_verified = [against(&from_balance)?, against(&rig)?];
+        let climb_flight = fly(&air, &climb, seed, &folder.join("climb.mcap"))?;
+        let model_climb = fly(&calm(&rig), &climb, seed, &folder.join("climb-model.mcap"))?;
+        Ok(Self { lab, rig, thrust, ground, hop, hop_verified, climb: climb_flight, model_climb })
+    }
+
+    fn figures(&self) -> Vec<(&'static str, Figure, &'static str)> {
+        vec![
+            (
+                "figure-4",
+                self.figure_4(),
+                "What the paper's user interface shows of a flight: altitude as the tracker saw it, and altitude and vertical speed as the controller took them, predicted over the delay.",
+            ),
+            (
+                "figure-9",
+                thrust_figure(&self.thrust, &self.rig).titled("Figure 9: thrust over throttle"),
+                "Readings of the emulated balance at two levels of charge, weight taken off, and the lines fitted to them; crosses are refused.",
+            ),
+            (
+                "figure-10",
+                ground_figure(&self.ground).titled("Figure 10: thrust over altitude"),
+                "Thrust at three throttles over altitude, with the linear law.",
+            ),
+            (
+                "figure-11",
+                self.figure_11(),
+                "One throttle all the time, which is all that the model is told. Its numbers are from the balance, refined by four other flights as in the paper's section 3.5; dashed is the balance alone. The bands hold 50 and 95 % of trajectories within its tolerances.",
+            ),
+            (
+                "figure-15",
+                self.figure_15(),
+                "Altitude of a climb to 0.4 m: the virtual laboratory as its tracker saw it, and the model with the identified numbers in calm air.",
+            ),
+            (
+                "figure-16",
+                self.figure_16(),
+                "Vertical speed of the same: slope of what was seen over 0.2 s, and the model's.",
+            ),
+        ]
+    }
+
+    fn figure_4(&self) -> Figure {
+        let mut figure = Figure::new("Figure 4: vertical trace", "time, s", "altitude, m; speed, m/s");
+        figure.add("seen, m", Mark::Dots, 1, seen(&self.climb));
+        let states = || self.climb.states.iter();
+        figure.add("altitude, m", Mark::Steps, 0, states().map(|s| (s.time.seconds(), s.estimate_m[2])));
+        figure.add("speed, m/s", Mark::Steps, 2, states().map(|s| (s.time.seconds(), s.estimate_m_s[2])));
+        figure
+    }
+
+    fn figure_11(&self) -> Figure {
+        let [first, refined] = &self.hop_verified;
+        let mut figure = trajectory_figure(&refined.flights[0]);
+        let told = &first.flights[0].trajectory;
+        let before = told.time_s.iter().copied().zip(told.nominal_m.iter().copied());
+        figure.add("balance alone", Mark::Dashed, 2, before);
+        figure
+    }
+
+    fn figure_15(&self) -> Figure {
+        let mut figure = Figure::new("Figure 15: altitude of a climb to 0.4 m", "time, s", "altitude, m");
+        let wanted = self.climb.states.iter().filter(|s| s.phase == Phase::Hold);
+        figure.add("wanted", Mark::Dashed, 5, wanted.map(|s| (s.time.seconds(), s.setpoint_m[2])));
+        figure.add("model", Mark::Line, 0, true_altitude(&self.model_climb));
+        figure.add("flight", Mark::Dots, 1, seen(&self.climb));
+        figure
+    }
+
+    fn figure_16(&self) -> Figure {
+        let mut figure = Figure::new("Figure 16: vertical speed of the same climb", "time, s", "speed, m/s");
+        figure.add("flight", Mark::Line, 1, seen_speed(&self.climb));
+        figure.add("model", Mark::Line, 0, true_speed(&self.model_climb));
+        figure
+    }
+
+    fn page(
+        &self,
+        statements: &[Statement],
+        figures: &[(&'static str, Figure, &'static str)],
+        arguments: &Arguments,
+    ) -> String {
+        let passed = statements.iter().filter(|one| one.passed).count();
+        let all = passed == statements.len();
+        let mut out = format!(
+            "<section class=\"card verdict {}\"><h1>{passed} of {} statements of the paper are met</h1><p class=\"lead\">S. Wright, Model-based development of MAV altitude control via ground-based equipment: its figures as this bench makes them. Airframe {}, seed {}.</p></section>",
+            if all { "pass" } else { "fail" },
+            statements.len(),
+            escaped(&self.rig.airframe.name),
+            arguments.seed
+        );
+        let _ = write!(
+            out,
+            "<section class=\"card\"><p>No real airframe flew here. The laboratory is the virtual one of rig <code>{}</code> with {GUSTS}, its tracker's noise, rounding and delay and its output's steps; the balance is emulated ({DISCHARGE}, 0.08 g of noise, steps of 0.1 g, one reading in 25 off by up to 5 g). The model knows of it what <code>bench identify</code> found in the readings and in four flights that are not shown, the rig's tolerances being what is known before. That they agree shows that the way of working works; that the laws are right, only a real airframe can show. The paper prints its figures without tables, so what is compared is what it says of them in words.</p></section>",
+            escaped(&self.lab.name)
+        );
+        for (name, figure, words) in figures {
+            let number = name.trim_start_matches("figure-");
+            let rows: Vec<Vec<String>> = statements
+                .iter()
+                .filter(|one| one.figure.split(", ").any(|figure| figure == number))
+                .map(|one| {
+                    vec![
+                        format!(
+                            "{} <span class=\"soft\">(section {})</span>",
+                            escaped(one.stated),
+                            one.section
+                        ),
+                        escaped(&one.made),
+                        escaped(one.rule),
+                        mark(one.passed),
+                    ]
+                })
+                .collect();
+            let _ = write!(
+                out,
+                "<h2>Figure {number}</h2>{}",
+                card(&figure.svg(), &format!("{words} <a href=\"{name}.svg\">{name}.svg</a>"))
+            );
+            if !rows.is_empty() {
+                let _ = write!(
+                    out,
+                    "<section class=\"card\">{}</section>",
+                    table(&["stated", "made", "rule", ""], &rows)
+                );
+            }
+        }
+        model_page::page("The paper's figures", &out)
+    }
+}
+
+/// The model as the paper simulates it: vertical, in calm air, its tracker late but without noise.
+fn calm(rig: &Rig) -> Rig {
+    let mut rig = rig.clone();
+    rig.plant.model = Model::Vertical;
+    rig.output.bits = 0;
+    rig.output.readback_noise_fraction = 0.0;
+    rig.tracker.noise_m = 0.0;
+    rig.tracker.resolution_m = 0.0;
+    rig.tracker.dropout_probability = 0.0;
+    rig.effects.clear();
+    rig
+}
+
+fn fly(rig: &Rig, mission: &Mission, seed: u64, file: &Path) -> anyhow::Result<Flight> {
+    files::make_room(file, false)?;
+    let mut records: Vec<Record> = Vec::new();
+    let flown = simulate(rig, mission, seed, &mut records, |_| true)?;
+    if flown.ending != Ending::Complete {
+        bail!("the flight of {} was stopped: {:?}", mission.name, flown.ending);
+    }
+    let session = Session {
+        rig_name: rig.name.clone(),
+        rig_toml: Some(rig.to_toml()),
+        mission_name: mission.name.clone(),
+        mission_toml: Some(mission.to_toml()),
+        seed: Some(seed),
+        ..Session::new(Mode::Sim)
+    };
+    let mut recorder = Recorder::create(file, &session, Options::SIMULATION)?;
+    for record in &records {
+        recorder.take(*record);
+    }
+    recorder.finish().with_context(|| format!("cannot record {}", file.display()))?;
+    Ok(Flight::from_records(session, records))
+}

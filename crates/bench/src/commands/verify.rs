@@ -1,0 +1,146 @@
+use std::{fmt::Write as _, path::PathBuf};
+
+use anyhow::{Context, bail};
+use bench_diagnosis::Track;
+use bench_identification::{OpenLoop, Tolerance, Verification, verify};
+use bench_recording::Flight;
+use bench_rig::{Phase, Rig};
+use clap::Args;
+
+use crate::{
+    exit::Exit,
+    files, model_page,
+    words::{self, short},
+};
+
+/// Hold a rig's model against open-loop flights: does it predict them within a tolerance?
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench sim --mission hop -o hop.mcap && bench verify --rig rigs/virtual.toml hop.mcap
+  bench verify --rig my-quad.toml hop-*.mcap --tolerance 0.03 --html verify.html
+  bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo the model is not good enough
+
+Nothing is fitted. A flight is predicted twice: one second ahead from what was seen before, which --tolerance is about,
+and from its throttle alone, from take-off until a closed loop takes over, which --trajectory and --inside are about.
+Exit code 0 says that the model passed, 1 that it did not, 2 that the flights or the rig could not be used.
+docs/model-development.md has the equations; `bench identify flight` finds numbers that predict better, `bench diagnose`
+what the model lacks.")]
+pub struct Arguments {
+    /// Recordings of open-loop flights
+    #[arg(required = true)]
+    flights: Vec<PathBuf>,
+    /// Rig whose model is verified
+    #[arg(long, default_value = files::DEFAULT_RIG)]
+    rig: PathBuf,
+    /// Greatest RMS error of altitude predicted 1 s ahead, m, in any flight
+    #[arg(long, value_name = "METRES", default_value_t = Tolerance::default().ahead_m)]
+    tolerance: f64,
+    /// Greatest RMS distance of any flight from the trajectory that its throttle alone predicts, m
+    #[arg(long, value_name = "METRES")]
+    trajectory: Option<f64>,
+    /// Least share of sightings in the band that holds 95 % of predictions
+    #[arg(long, value_name = "SHARE", default_value_t = Tolerance::default().inside)]
+    inside: f64,
+    /// Greatest mean of squared errors over expected ones in any flight, from sighting to sighting; 1 for a right model
+    #[arg(long, value_name = "RATIO", default_value_t = Tolerance::default().consistency)]
+    consistency: f64,
+    /// Print as JSON (schema bench.verification/1)
+    #[arg(long)]
+    json: bool,
+    /// Also write a page with the trajectories
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let above_zero = |name: &str, x: f64| {
+        if x.is_finite() && x > 0.0 {
+            Ok(x)
+        } else {
+            bail!("{name} must be a number of metres above 0, not {x}")
+        }
+    };
+    if !(0.0..=1.0).contains(&arguments.inside) {
+        bail!("--inside must be a share from 0 to 1, not {}", arguments.inside);
+    }
+    if !(arguments.consistency.is_finite() && arguments.consistency > 0.0) {
+        bail!("--consistency must be a number above 0, not {}", arguments.consistency);
+    }
+    let tolerance = Tolerance {
+        ahead_m: above_zero("--tolerance", arguments.tolerance)?,
+        trajectory_m: arguments.trajectory.map(|x| above_zero("--trajectory", x)).transpose()?,
+        inside: arguments.inside,
+        consistency: arguments.consistency,
+    };
+    let rig = files::rig(&arguments.rig)?;
+    bench_plant::effects::resolve_all(&rig.effects)?;
+    let mut flights = Vec::new();
+    for path in &arguments.flights {
+        let flight = Flight::load(path)?;
+        flights.push(open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")?);
+    }
+    let found = verify(&flights, &rig, &tolerance).context("nothing verified")?;
+    if let Some(page) = &arguments.html {
+        files::write(page, &model_page::verification(&found, &rig))?;
+        eprintln!("wrote {}", page.display());
+    }
+    if arguments.json {
+        words::print_json(&found)?;
+    } else {
+        words::print(&in_words(&found))?;
+    }
+    Ok(if found.passed { Exit::Done } else { Exit::CheckFailed })
+}
+
+/// A flight as far as its throttle was not closed over the altitude.
+pub fn open_loop(name: &str, flight: &Flight, rig: &Rig) -> anyhow::Result<OpenLoop> {
+    let track = Track::from_flight(name, flight, rig)?;
+    let closed = flight.phases().into_iter().find(|interval| {
+        matches!(interval.phase, Phase::Hold | Phase::Land | Phase::Abort)
+            && interval.from.seconds() >= track.begin_s
+    });
+    Ok(OpenLoop { until_s: closed.map(|interval| interval.from.seconds()), track })
+}
+
+fn in_words(found: &Verification) -> String {
+    let mut out = String::new();
+    // Writing to a String cannot fail, here and below.
+    for flight in &found.flights {
+        let cm = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{:.1}", 100.0 * x));
+        let [seen, predicted, low, high] = flight.peak_m;
+        let _ = writeln!(
+            out,
+            "{}\n  errors 0.5, 1, 2 s ahead: {}, {}, {} cm RMS; over expected {:.2}, whiteness p {}\n  from the throttle alone: {:.1} cm RMS over {:.1} s, {:.0} % in the band of 95 %; peak {:.1} cm, predicted {:.1} ({:.1} to {:.1})",
+            flight.name,
+            cm(flight.k_step_m[0]),
+            cm(flight.k_step_m[1]),
+            cm(flight.k_step_m[2]),
+            flight.consistency.mean_nis,
+            words::probability(flight.consistency.whiteness_p),
+            100.0 * flight.trajectory_rms_m,
+            flight.trajectory.time_s.last().copied().unwrap_or(0.0),
+            100.0 * flight.inside,
+            100.0 * seen,
+            100.0 * predicted,
+            100.0 * low,
+            100.0 * high,
+        );
+    }
+    out.push('\n');
+    for check in &found.checks {
+        let _ = writeln!(
+            out,
+            "{} {}: {} ({} {}){}",
+            if check.passed { "passed" } else { "FAILED" },
+            check.name,
+            short(check.value),
+            if check.at_least { "at least" } else { "at most" },
+            short(check.limit),
+            check.flight.as_ref().map_or_else(String::new, |flight| format!(", {flight}"))
+        );
+    }
+    for warning in &found.warnings {
+        let _ = writeln!(out, "warning: {warning}");
+    }
+    out
+}
