@@ -103,7 +103,7 @@ fn what_goes_wrong_on_the_way_to_the_airframe_is_diagnosed() {
                     report["effects"].as_array().unwrap().iter().filter_map(|name| name.as_str()).collect();
                 match expected {
                     Some(effect) => {
-                        assert!(named.contains(&effect), "{faults:?}, held up {held_up}: {report}")
+                        assert!(named.contains(&effect), "{faults:?}, held up {held_up}: {report}");
                     }
                     // On a busy machine iterations are late in earnest.
                     None => assert!(named.iter().all(|name| *name == "loop-overrun"), "{report}"),
