@@ -52,6 +52,8 @@ enum Command {
     Track(commands::track::Arguments),
     Calibrate(commands::calibrate::Arguments),
     Identify(commands::identify::Arguments),
+    Tune(commands::tune::Arguments),
+    Laws(commands::laws::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -68,6 +70,8 @@ fn main() -> std::process::ExitCode {
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
         Command::Identify(arguments) => commands::identify::run(&arguments),
+        Command::Tune(arguments) => commands::tune::run(&arguments),
+        Command::Laws(arguments) => commands::laws::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),
