@@ -210,6 +210,8 @@ const SCAN_SHARE: f64 = 0.2;
 const SCAN_LEAST: usize = 24;
 /// First steps of the refinement, as shares of the ranges' logarithms.
 const SIMPLEX: f64 = 0.1;
+/// So often the refinement begins anew.
+const RESTARTS: usize = 3;
 /// Best gains of the scan that are flown on all models.
 const FINALISTS: usize = 5;
 /// Latencies beyond the rig's that are looked at, s.
@@ -333,8 +335,11 @@ impl<'a> Search<'a> {
             })
             .collect();
         tried.push(before.clone());
-        let start = best(&tried).gains.clone();
-        tried.extend(self.refine(&start));
+        // A simplex folds up against a limit; another about the best goes on along it.
+        for restart in 0..RESTARTS {
+            let start = best(&tried).gains.clone();
+            tried.extend(self.refine(&start, restart));
+        }
         // Gains that are no better than the rig's are not worth a change.
         let after = best(&tried).clone();
         if after.cost >= LOST {
@@ -403,19 +408,21 @@ impl<'a> Search<'a> {
     }
 
     /// Nelder and Mead's simplex about the best so far, on all models.
-    fn refine(&self, start: &[f64]) -> Vec<Trial> {
+    fn refine(&self, start: &[f64], restart: usize) -> Vec<Trial> {
         let origin: Vec<f64> = self.gains.iter().zip(start).map(|(gain, x)| gain.share(*x)).collect();
         let mut simplex = vec![origin.clone()];
         for i in 0..origin.len() {
             let mut corner = origin.clone();
-            // Away from the nearer end of the range.
-            corner[i] += if corner[i] > 0.5 { -SIMPLEX } else { SIMPLEX };
+            // Inwards at the ends of a range, else to one side and the next time to the other.
+            let step = if restart.is_multiple_of(2) { SIMPLEX } else { -SIMPLEX };
+            let inside = (0.0..=1.0).contains(&(corner[i] + step));
+            corner[i] += if inside { step } else { -step };
             simplex.push(corner);
         }
         let problem = Refinement { search: self, tried: RefCell::new(Vec::new()) };
         let solver = NelderMead::new(simplex);
         // Each iteration tries one or two, a shrink as many as there are gains.
-        let iterations = (self.effort.refined as u64).max(1);
+        let iterations = (self.effort.refined.div_ceil(RESTARTS) as u64).max(1);
         let outcome = Executor::new(problem, solver).configure(|state| state.max_iters(iterations)).run();
         // The only error is that of a cost, which has none; what was tried before counts all the same.
         outcome
