@@ -11,3 +11,4 @@ mod import;
 mod record;
 mod sim;
 mod support;
+mod tune;

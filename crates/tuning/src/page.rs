@@ -11,6 +11,9 @@ use crate::{
 
 const STYLE: &str = include_str!("page.css");
 
+/// Sets of gains are shown up to so many times what the best needs and misses.
+const FAR: f64 = 3.0;
+
 type Curve<'a> = &'a dyn Fn(&Response) -> Vec<[f64; 2]>;
 
 /// What a page tells besides the tuning.
@@ -149,11 +152,16 @@ fn gains(out: &mut String, tuned: &Tuned) {
 
 fn trade_off(out: &mut String, tuned: &Tuned) {
     let at = |trial: &Trial| (100.0 * trial.p95.activity, 100.0 * trial.p95.rms_m);
-    let shown = |trial: &&Trial| trial.p95.rms_m < 5.0 * tuned.limits.rms_m && trial.p95.activity.is_finite();
+    // What is far off would press the rest into a corner.
+    let near = |x: f64, best: f64| x.is_finite() && x <= FAR * best;
+    let (best, was) = (&tuned.after.p95, &tuned.before.p95);
+    let shown = |trial: &&Trial| {
+        near(trial.p95.rms_m, best.rms_m) && near(trial.p95.activity, best.activity) || trial.p95 == *was
+    };
     let tried: Vec<&Trial> = tuned.tried.iter().filter(shown).collect();
     let all = || tried.iter().map(|trial| at(trial)).chain([at(&tuned.after)]);
     let frame = Frame { x: range(all().map(|(x, _)| x)), y: range(all().map(|(_, y)| y)) };
-    out.push_str("<section class=\"card\"><h3>What quiet costs</h3><p class=\"soft\">Sets of gains on all models: what they ask of the rotors against how well they hold, 95th percentiles..</p><div class=\"keys\"><span class=\"open\">limit broken</span><span class=\"kept\">limits held</span><span class=\"was\">before</span><span class=\"now\">after</span></div><div class=\"chart\">");
+    out.push_str("<section class=\"card\"><h3>What quiet costs</h3><p class=\"soft\">Sets of gains on all models: what they ask of the rotors against how well they hold, 95th percentiles.</p><div class=\"keys\"><span class=\"open\">limit broken</span><span class=\"kept\">limits held</span><span class=\"was\">before</span><span class=\"now\">after</span></div><div class=\"chart\">");
     frame.open(out, "plot");
     frame.grid(out);
     let of = |admissible: bool| {

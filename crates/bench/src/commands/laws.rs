@@ -101,6 +101,9 @@ fn percent(share: Share) -> String {
     format!("{:.0}", 100.0 * share.value())
 }
 
+/// A table's title, and what it tells of a law.
+type Column = (&'static str, fn(&Achieved) -> String);
+
 fn markdown(found: &Comparison, arguments: &Arguments) -> String {
     let rigs: Vec<String> = arguments.rigs.iter().map(|path| path.display().to_string()).collect();
     let goals = &found.goals;
@@ -136,7 +139,6 @@ fn markdown(found: &Comparison, arguments: &Arguments) -> String {
             );
         }
     }
-    type Column = (&'static str, fn(&Achieved) -> String);
     let columns: [Column; 3] = [
         ("Held at the altitude of the paper, % (median RMS, cm)", |a| {
             format!("{} ({})", percent(a.held), centimetres(a.held_rms_m))
