@@ -48,7 +48,7 @@ fn a_limit_that_cannot_be_held_is_exit_code_1_and_nonsense_is_refused() {
         (&["--models", "3"], "20 at least"),
         (&["--altitude", "5"], "ceiling_m"),
         (&["--altitude", "nan"], "ceiling_m"),
-        (&["--phase-margin", "-3"], "above 0"),
+        (&["--phase-margin=-3"], "above 0"),
         (&["--loops", "yaw"], "altitude, lateral"),
     ];
     for (arguments, expected) in cases {
