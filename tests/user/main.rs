@@ -12,3 +12,4 @@ mod model;
 mod record;
 mod sim;
 mod support;
+mod tune;

@@ -115,7 +115,7 @@ fn wrong_words_are_refused_with_what_to_do() {
     let scratch = Scratch::new();
     let out = scratch.name("x.mcap");
     let cases: [(&[&str], &str); 8] = [
-        (&["--mission", "loop"], "climb-040, hold-3d, hop, low-hover, steps"),
+        (&["--mission", "loop"], "climb-040, ground-hover, hold-3d, hop, low-hover, steps"),
         (&["--rig", "none.toml"], "none.toml"),
         (&["--effect", "rotor-lak:time_constant_s=1"], "rotor-lag"),
         (&["--effect", "rotor-lag"], "time_constant_s"),

@@ -56,6 +56,8 @@ enum Command {
     Identify(commands::identify::Arguments),
     Verify(commands::verify::Arguments),
     Paper(commands::paper::Arguments),
+    Tune(commands::tune::Arguments),
+    Laws(commands::laws::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -74,6 +76,8 @@ fn main() -> std::process::ExitCode {
         Command::Identify(arguments) => commands::identify::run(&arguments),
         Command::Verify(arguments) => commands::verify::run(&arguments),
         Command::Paper(arguments) => commands::paper::run(&arguments),
+        Command::Tune(arguments) => commands::tune::run(&arguments),
+        Command::Laws(arguments) => commands::laws::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),

@@ -1,7 +1,12 @@
 use bench_device::{PositionSample, Sticks, Time};
-use bench_rig::{ControlState, Mission, Phase, PhaseAction, PhasePlan, Rig};
+use bench_rig::{ControlState, Mission, Phase, PhaseAction, PhasePlan, Predictor, Rig};
 
-use crate::{altitude::AltitudeLaw, estimator::Estimator, lateral::LateralLaw};
+use crate::{
+    altitude::AltitudeLaw,
+    estimator::{Estimate, Estimator},
+    lateral::LateralLaw,
+    observer::Observer,
+};
 
 /// Flies a mission: sees positions, decides sticks.
 #[derive(Debug)]
@@ -13,9 +18,55 @@ pub struct Controller {
     at_rest: Sticks,
     aborted: bool,
     landing: Landing,
-    estimator: Estimator,
+    predicted: Predicted,
     altitude: AltitudeLaw,
     lateral: LateralLaw,
+}
+
+/// Who predicts, as the rig has it.
+#[derive(Debug)]
+enum Predicted {
+    Linear(Estimator),
+    Model(Box<Observer>),
+}
+
+impl Predicted {
+    fn new(rig: &Rig, begin: Time) -> Self {
+        let control = &rig.control;
+        match control.predictor {
+            Predictor::Linear => {
+                Self::Linear(Estimator::new(control.extrapolation_s, control.velocity_window_s))
+            }
+            Predictor::Model => Self::Model(Box::new(Observer::new(rig, begin))),
+        }
+    }
+
+    fn observe(&mut self, sample: &PositionSample) {
+        match self {
+            Self::Linear(estimator) => estimator.observe(sample),
+            Self::Model(observer) => observer.observe(sample),
+        }
+    }
+
+    fn measured_altitude_m(&self) -> Option<f64> {
+        match self {
+            Self::Linear(estimator) => estimator.measured_altitude_m(),
+            Self::Model(observer) => observer.measured_altitude_m(),
+        }
+    }
+
+    fn estimate(&self, now: Time) -> Option<Estimate> {
+        match self {
+            Self::Linear(estimator) => estimator.estimate(),
+            Self::Model(observer) => observer.estimate(now),
+        }
+    }
+
+    fn command(&mut self, now: Time, sticks: Sticks) {
+        if let Self::Model(observer) = self {
+            observer.command(now, sticks);
+        }
+    }
 }
 
 /// What one iteration decided.
@@ -51,6 +102,9 @@ const SLACK: f64 = 0.1;
 const SETTLING_THRUST_TO_WEIGHT: f64 = 0.75;
 const SETTLING_S: f64 = 1.0;
 
+/// Lower than this it stands, m: the tracker's noise about the ground.
+const STANDS_M: f64 = 0.01;
+
 impl Controller {
     /// A controller at the beginning of a mission whose clock starts at zero.
     pub fn new(rig: &Rig, mission: &Mission) -> Self {
@@ -67,7 +121,7 @@ impl Controller {
             at_rest: rig.airframe.sticks.at_rest(),
             aborted: false,
             landing: Landing::Not,
-            estimator: Estimator::new(rig.control.extrapolation_s, rig.control.velocity_window_s),
+            predicted: Predicted::new(rig, begin),
             altitude: AltitudeLaw::new(rig),
             lateral: LateralLaw::new(rig),
         }
@@ -75,7 +129,7 @@ impl Controller {
 
     /// Takes a position that has arrived.
     pub fn observe(&mut self, sample: &PositionSample) {
-        self.estimator.observe(sample);
+        self.predicted.observe(sample);
     }
 
     /// Throttle to rest from the next decision on, for good.
@@ -85,9 +139,15 @@ impl Controller {
 
     /// One iteration at `now`, once a loop period.
     pub fn decide(&mut self, now: Time) -> Decision {
+        let decision = self.decision(now);
+        self.predicted.command(now, decision.sticks);
+        decision
+    }
+
+    fn decision(&mut self, now: Time) -> Decision {
         self.move_on(now);
         let mut state = ControlState { time: now, ..ControlState::default() };
-        let estimate = self.estimator.estimate();
+        let estimate = self.predicted.estimate(now);
         if let Some(estimate) = &estimate {
             state.estimate_m = estimate.position_m;
             state.estimate_m_s = estimate.velocity_m_s;
@@ -117,7 +177,7 @@ impl Controller {
                 (throttle, self.hold_place(&mut state, estimate.as_ref()))
             }
             &PhaseAction::Land { descent_m_s, cut_below_m } => {
-                let throttle = self.land(now, descent_m_s, cut_below_m, &mut state);
+                let throttle = self.land(now, descent_m_s, cut_below_m, estimate.as_ref(), &mut state);
                 let lateral = if matches!(self.landing, Landing::Descending { .. }) {
                     self.hold_place(&mut state, estimate.as_ref())
                 } else {
@@ -149,11 +209,7 @@ impl Controller {
         self.at_rest
     }
 
-    fn hold_place(
-        &mut self,
-        state: &mut ControlState,
-        estimate: Option<&crate::estimator::Estimate>,
-    ) -> [f64; 3] {
+    fn hold_place(&mut self, state: &mut ControlState, estimate: Option<&Estimate>) -> [f64; 3] {
         let [x, y, _] = state.setpoint_m;
         match estimate {
             Some(estimate) => self.lateral.closed_loop([x, y], state.setpoint_heading_rad, estimate),
@@ -162,25 +218,40 @@ impl Controller {
     }
 
     /// Throttle of a landing at `now`.
-    fn land(&mut self, now: Time, descent_m_s: f64, cut_below_m: f64, state: &mut ControlState) -> f64 {
-        let measured_m = self.estimator.measured_altitude_m();
-        let estimate = self.estimator.estimate();
+    fn land(
+        &mut self,
+        now: Time,
+        descent_m_s: f64,
+        cut_below_m: f64,
+        estimate: Option<&Estimate>,
+        state: &mut ControlState,
+    ) -> f64 {
+        let measured_m = self.predicted.measured_altitude_m();
         if self.landing == Landing::Not {
             let from_m = estimate.map_or(0.0, |estimate| estimate.position_m[2]);
             self.landing = Landing::Descending { from_m };
         }
-        if let Landing::Descending { .. } = self.landing {
-            let low = estimate.is_some_and(|estimate| estimate.position_m[2] < cut_below_m);
-            if low || measured_m.is_some_and(|z| z < cut_below_m) {
-                self.landing = Landing::Settling { since: now };
+        if let Landing::Descending { from_m } = self.landing {
+            let lower_than =
+                |m: f64| estimate.is_some_and(|e| e.position_m[2] < m) || measured_m.is_some_and(|z| z < m);
+            let elapsed_s = now.since_s(self.phase_began);
+            match self.altitude.ground_effect().map(|ground| ground.descent(from_m, descent_m_s, elapsed_s)) {
+                // Through the ground effect in closed loop, until it must stand.
+                Some(descent) if descent.ended && lower_than(STANDS_M) => self.landing = Landing::Done,
+                Some(descent) => {
+                    let (setpoint_m, speed_m_s) = (descent.setpoint_m, descent.speed_m_s);
+                    state.setpoint_m[2] = setpoint_m;
+                    return self.altitude.closed_loop(setpoint_m, speed_m_s, estimate, state);
+                }
+                None if lower_than(cut_below_m) => self.landing = Landing::Settling { since: now },
+                None => {
+                    let setpoint_m = from_m - descent_m_s * elapsed_s;
+                    state.setpoint_m[2] = setpoint_m;
+                    return self.altitude.closed_loop(setpoint_m, -descent_m_s, estimate, state);
+                }
             }
         }
         match self.landing {
-            Landing::Descending { from_m } => {
-                let setpoint_m = from_m - descent_m_s * now.since_s(self.phase_began);
-                state.setpoint_m[2] = setpoint_m;
-                self.altitude.closed_loop(setpoint_m, -descent_m_s, estimate.as_ref(), state)
-            }
             Landing::Settling { since } if now.since_s(since) < SETTLING_S => {
                 self.altitude.open_loop(SETTLING_THRUST_TO_WEIGHT)
             }

@@ -11,6 +11,8 @@ pub(crate) struct Estimate {
     pub velocity_m_s: [f64; 3],
     /// rad; as last seen, zero while the tracker has given none.
     pub heading_rad: f64,
+    /// By what the airframe's acceleration is off its model, m/s^2; `None` where nobody looks for it.
+    pub disturbance_m_s2: Option<[f64; 3]>,
 }
 
 /// Linear extrapolation of position by velocity and of velocity by acceleration (paper, section 3.6). Velocity is the
@@ -64,8 +66,12 @@ impl Estimator {
         // Half a millisecond of slack: time stamps are rounded, windows are not.
         let recent = self.between(newest, -0.0005, self.window_s + 0.0005);
         let before = self.between(newest, self.window_s - 0.0005, 2.0 * self.window_s + 0.0005);
-        let mut estimate =
-            Estimate { position_m: position, velocity_m_s: [0.0; 3], heading_rad: self.heading_rad };
+        let mut estimate = Estimate {
+            position_m: position,
+            velocity_m_s: [0.0; 3],
+            heading_rad: self.heading_rad,
+            disturbance_m_s2: None,
+        };
         for axis in 0..3 {
             let Some(velocity) = slope(recent, axis) else { continue };
             let acceleration = slope(before, axis).map_or(0.0, |earlier| {

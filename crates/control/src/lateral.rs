@@ -5,7 +5,8 @@ use bench_rig::{GRAVITY_M_S2, Rig, StickRange};
 use crate::estimator::Estimate;
 
 /// The altitude law's shape sideways: wanted speed from position error, acceleration from speed error, tilt from
-/// acceleration; and a yaw rate proportional to the heading error.
+/// acceleration; and a yaw rate proportional to the heading error. Where the estimate tells the disturbance, that takes the
+/// integral's place.
 #[derive(Debug)]
 pub(crate) struct LateralLaw {
     sticks: StickRange,
@@ -14,6 +15,7 @@ pub(crate) struct LateralLaw {
     integral_gain_per_s: f64,
     tilt_max_rad: f64,
     heading_gain_per_s: f64,
+    drag_per_s: f64,
     /// World frame, m/s^2; trims what the sticks' centre does not.
     integral_m_s2: [f64; 2],
 }
@@ -30,6 +32,7 @@ impl LateralLaw {
             integral_gain_per_s: rig.control.lateral_integral_gain_per_s2 * rig.control_loop.period_s,
             tilt_max_rad: rig.control.tilt_max_rad,
             heading_gain_per_s: rig.control.heading_gain_per_s,
+            drag_per_s: rig.airframe.drag_n_s_per_m.value / rig.airframe.mass_kg.value,
             integral_m_s2: [0.0; 2],
         }
     }
@@ -51,6 +54,11 @@ impl LateralLaw {
         for axis in 0..2 {
             let wanted_speed = self.position_gain_per_s * (setpoint_m[axis] - estimate.position_m[axis]);
             let speed_error = wanted_speed - estimate.velocity_m_s[axis];
+            if let Some(disturbance) = estimate.disturbance_m_s2 {
+                let wanted = self.speed_gain_per_s * speed_error + self.drag_per_s * wanted_speed;
+                acceleration[axis] = (wanted - disturbance[axis]).clamp(-limit, limit);
+                continue;
+            }
             let step = self.integral_gain_per_s * speed_error;
             let wanted = self.speed_gain_per_s * speed_error + self.integral_m_s2[axis] + step;
             acceleration[axis] = wanted.clamp(-limit, limit);

@@ -3,12 +3,15 @@
 //!
 //! ```text
 //! positions -> Estimator (slope, extrapolation over the delay) -> AltitudeLaw, LateralLaw -> sticks
+//!              or Observer (the airframe's model over the delay)
 //!                                       mission phases: idle, launch, open, hold, land, abort
 //! ```
 
 mod altitude;
 mod controller;
 mod estimator;
+mod ground_effect;
 mod lateral;
+mod observer;
 
 pub use controller::{Controller, Decision};

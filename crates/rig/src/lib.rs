@@ -22,7 +22,10 @@ pub use control_state::ControlState;
 pub use error::{Location, Problem, RigError};
 pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};
 pub use phase::{Phase, UnknownPhase};
-pub use rig::{Bench, Control, Disturbance, EffectEntry, Loop, Model, Output, Plant, Rig, Safety, Tracker};
+pub use rig::{
+    Bench, Control, Disturbance, EffectEntry, FeedForward, Loop, Model, Observer, Output, Plant, Predictor,
+    Rig, Safety, Tracker,
+};
 pub use uncertain::Uncertain;
 
 /// Standard gravity, m/s^2 (ISO 80000-3).

@@ -135,18 +135,46 @@ pub struct Tracker {
     pub dropout_probability: f64,
 }
 
-/// Gains of the controller; those of the altitude law are per unit of nominal mass.
+/// How position and velocity are predicted over the delay.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Predictor {
+    /// The paper's: straight on by the velocity last seen.
+    #[default]
+    Linear,
+    /// An observer that carries the airframe's model over the delay, with the commands that were given.
+    Model,
+}
+
+/// What the altitude law takes for granted of thrust before any error is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FeedForward {
+    /// The paper's: the weight.
+    #[default]
+    Weight,
+    /// The weight, less what the ground effect adds at that altitude; landings stay in closed loop down to the ground.
+    GroundEffect,
+}
+
+/// Laws and gains of the controller; those of the altitude law are per unit of nominal mass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Control {
+    /// How position and velocity are predicted.
+    pub predictor: Predictor,
+    /// What the altitude law takes for granted.
+    pub feed_forward: FeedForward,
+    /// What the model predictor trusts its model with; unused by the linear one.
+    pub observer: Observer,
     /// Wanted vertical speed per metre of altitude error, 1/s (figure 14: gain1).
     pub position_gain_per_s: f64,
     /// Proportional thrust per mass and speed error, 1/s (figure 14: gain2).
     pub speed_gain_per_s: f64,
-    /// Integral thrust per mass, speed error and time, 1/s^2 (figure 14: gain3 over period).
+    /// Integral thrust per mass, speed error and time, 1/s^2 (figure 14: gain3 over period). With the model predictor, the
+    /// disturbance that it finds takes the integral's place, sideways too.
     pub integral_gain_per_s2: f64,
-    /// How far position and velocity are extrapolated, s: latency, hold and half of the velocity window.
+    /// How far position and velocity are extrapolated, s: latency, hold and half of the velocity window. Linear predictor
+    /// only.
     pub extrapolation_s: f64,
-    /// Time over which velocity is taken as the slope of the positions, s.
+    /// Time over which velocity is taken as the slope of the positions, s. Linear predictor only.
     pub velocity_window_s: f64,
     /// Wanted horizontal speed per metre of error, 1/s.
     pub lateral_position_gain_per_s: f64,
@@ -158,6 +186,15 @@ pub struct Control {
     pub tilt_max_rad: f64,
     /// Yaw rate per radian of heading error, 1/s.
     pub heading_gain_per_s: f64,
+}
+
+/// Accelerations besides the model, as the model predictor takes them: the larger, the more it follows what is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Observer {
+    /// White acceleration, m/s^2 per root Hz.
+    pub white_m_s2_per_root_hz: f64,
+    /// Random walk of the acceleration that it holds the airframe to be off its model by, m/s^2 per root s.
+    pub drift_m_s2_per_root_s: f64,
 }
 
 /// What disturbs a nominal flight, as far as it was measured (`bench identify flight`). The diagnosis holds flights
@@ -300,6 +337,10 @@ impl Rig {
         const MODELS: [(&str, Model); 2] = [("vertical", Model::Vertical), ("six-degree", Model::SixDegree)];
         const BENCHES: [(&str, Bench); 3] =
             [("virtual", Bench::Virtual), ("loopback", Bench::Loopback), ("transmitter", Bench::Transmitter)];
+        const PREDICTORS: [(&str, Predictor); 2] =
+            [("linear", Predictor::Linear), ("model", Predictor::Model)];
+        const FEED_FORWARDS: [(&str, FeedForward); 2] =
+            [("weight", FeedForward::Weight), ("ground-effect", FeedForward::GroundEffect)];
         let probability = Range::closed(0.0, 1.0);
         let gain = Range::closed(0.0, 1000.0);
         v.text("name", &mut self.name);
@@ -332,6 +373,9 @@ impl Rig {
         });
         v.table("control", |v| {
             let control = &mut self.control;
+            v.choice_beside("predictor", &PREDICTORS, &mut control.predictor);
+            v.choice_beside("feed_forward", &FEED_FORWARDS, &mut control.feed_forward);
+            control.observer.visit(v, control.predictor);
             v.number("position_gain_per_s", gain, &mut control.position_gain_per_s);
             v.number("speed_gain_per_s", gain, &mut control.speed_gain_per_s);
             v.number("integral_gain_per_s2", gain, &mut control.integral_gain_per_s2);
@@ -386,6 +430,25 @@ impl Rig {
             found.push(("plant", "truth_period_s is shorter than step_s".to_owned()));
         }
         found
+    }
+}
+
+impl Observer {
+    /// The model predictor needs its numbers; beside the linear one they may stand for another day.
+    fn visit(&mut self, v: &mut impl Visitor, predictor: Predictor) {
+        let range = Range::above(0.0, 100.0);
+        for (key, value) in [
+            ("observer_white_m_s2_per_root_hz", &mut self.white_m_s2_per_root_hz),
+            ("observer_drift_m_s2_per_root_s", &mut self.drift_m_s2_per_root_s),
+        ] {
+            if predictor == Predictor::Model {
+                v.number(key, range, value);
+            } else {
+                let mut maybe = (*value > 0.0).then_some(*value);
+                v.maybe(key, range, &mut maybe);
+                *value = maybe.unwrap_or(0.0);
+            }
+        }
     }
 }
 

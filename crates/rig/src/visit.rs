@@ -63,6 +63,8 @@ pub trait Visitor {
     fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
     /// One of the named choices; absent, the value stays what it is.
     fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    /// One of the named choices, the first of which is meant where the key is absent, and is not written.
+    fn choice_beside<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
     /// A list of three numbers.
     fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]);
     /// A number, or points `[time_s, number]` with times that do not fall.
@@ -397,9 +399,13 @@ impl Visitor for Reader<'_, '_> {
     }
 
     fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
-        if self.has(key) {
+        if self.get(key).is_some() {
             self.choice(key, choices, value);
         }
+    }
+
+    fn choice_beside<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+        self.choice_or(key, choices, value);
     }
 
     fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]) {
@@ -514,6 +520,12 @@ impl Visitor for Writer {
 
     fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
         self.choice(key, choices, value);
+    }
+
+    fn choice_beside<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+        if choices.first().is_none_or(|(_, first)| first != value) {
+            self.choice(key, choices, value);
+        }
     }
 
     fn triple(&mut self, key: &str, _: Range, value: &mut [f64; 3]) {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bench_rig::{Mission, PhaseAction, Problem, Profile, Rig, RigError};
+use bench_rig::{FeedForward, Mission, PhaseAction, Predictor, Problem, Profile, Rig, RigError};
 
 fn rigs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
@@ -170,4 +170,35 @@ fn what_disturbs_a_flight_is_optional_and_reads_back() {
         "{text}"
     );
     assert_eq!(Rig::read(Path::new("copy.toml"), &text).unwrap(), rig);
+}
+
+#[test]
+fn the_laws_are_chosen_by_key_and_the_papers_are_meant_where_none_is_named() {
+    let rig = Rig::load(rigs().join("virtual.toml")).unwrap();
+    assert_eq!((rig.control.predictor, rig.control.feed_forward), (Predictor::Linear, FeedForward::Weight));
+    // Recordings carry this text: what is not asked for leaves it as it was.
+    let text = rig.to_toml();
+    assert!(!text.contains("predictor") && !text.contains("feed_forward") && !text.contains("observer"));
+
+    let chosen = "[control]\npredictor = \"model\"\nfeed_forward = \"ground-effect\"\n\
+                  observer_white_m_s2_per_root_hz = 0.03\nobserver_drift_m_s2_per_root_s = 0.1\n";
+    let read = |chosen: &str| {
+        Rig::read(&rigs().join("virtual.toml"), &virtual_rig_text().replace("[control]\n", chosen))
+    };
+    let model = read(chosen).unwrap();
+    assert_eq!(
+        (model.control.predictor, model.control.feed_forward),
+        (Predictor::Model, FeedForward::GroundEffect)
+    );
+    assert_eq!(model.control.observer.drift_m_s2_per_root_s, 0.1);
+    assert_eq!(Rig::read(Path::new("copy.toml"), &model.to_toml()).unwrap(), model);
+
+    // Its numbers may stay beside the linear predictor, but must be there for the model's.
+    let kept = read(&chosen.replace("\"model\"", "\"linear\"")).unwrap();
+    assert_eq!(kept.control.observer.white_m_s2_per_root_hz, 0.03);
+    assert_eq!(Rig::read(Path::new("copy.toml"), &kept.to_toml()).unwrap(), kept);
+    let missing = read("[control]\npredictor = \"model\"\n").unwrap_err().to_string();
+    assert!(missing.contains("control.observer_white_m_s2_per_root_hz` is missing"), "{missing}");
+    let wrong = read("[control]\npredictor = \"magic\"\n").unwrap_err().to_string();
+    assert!(wrong.contains("one of \"linear\", \"model\""), "{wrong}");
 }

@@ -11,7 +11,7 @@ use bench_dac::{
     emulator::{EmulatedPsoc5, LinkFaults},
 };
 use bench_recording::{Mode, Options, Recorder, Session};
-use bench_rig::{Mission, Rig};
+use bench_rig::{Mission, Predictor, Rig};
 use bench_run::{Ending, Loopback, WallClock, await_marker, drain_truth, fly};
 
 /// Counts what the loop's thread allocates; other threads may.
@@ -44,6 +44,14 @@ static ALLOCATOR: Counting = Counting;
 fn no_iteration_of_a_loopback_flight_allocates() {
     let rigs: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
     let mut rig = Rig::load(rigs.join("loopback.toml")).unwrap();
+    fly_and_count(rig.clone(), &rigs);
+    let model = Rig::load(rigs.join("virtual-model.toml")).unwrap();
+    rig.control = model.control;
+    assert_eq!(rig.control.predictor, Predictor::Model);
+    fly_and_count(rig, &rigs);
+}
+
+fn fly_and_count(mut rig: Rig, rigs: &Path) {
     // Lost answers and overruns of a busy machine are not what is looked at.
     rig.safety.overrun_streak = 10_000;
     let mut mission = Mission::load(rigs.join("missions/climb-040.toml")).unwrap();

@@ -1,0 +1,34 @@
+//! Gains for a rig: robust against its tolerances, with the margins of the loop that they make, and laws held against one
+//! another.
+//!
+//! ```text
+//! rig -> Models: rigs drawn from its tolerances -> flights of the controller's own code -> figures, their 95th percentiles
+//!     -> search over the gains                                              -> tune(): the rig with better gains
+//!     -> margins(): the loop's frequency response, by injection             -> gain, phase and delay margins
+//! rigs -> compare(): the same draws and effects under every rig's laws
+//! ```
+//!
+//! The controller is flown, not modelled: what is tuned is the code that flies. `docs/tune.md` has the method.
+
+mod compare;
+mod draw;
+mod error;
+mod figures;
+mod flight;
+mod gains;
+mod margins;
+mod page;
+mod statistics;
+mod tune;
+mod write;
+
+pub use compare::{Achieved, Case, Comparison, Goals, compare};
+pub use draw::Models;
+pub use error::TuneError;
+pub use figures::Figures;
+pub use flight::{Task, Traced, fly_traced};
+pub use margins::{Margins, Response};
+pub use page::{Made, page};
+pub use statistics::{Share, percentile};
+pub use tune::{Effort, Grown, Limits, LoopKind, Progress, Trial, Tuned, Tuning, fly_models, tune};
+pub use write::with_gains;
