@@ -9,7 +9,7 @@ const BIN_S: f64 = 1.0;
 /// As many bins are remembered.
 const BINS: usize = 32;
 /// From as many on, the clocks' drift is told apart from jitter.
-const ENOUGH: usize = 8;
+const ENOUGH: usize = 16;
 /// Crystals are within 100 ppm of one another; twice that is allowed.
 const MOST_DRIFT: f64 = 200e-6;
 /// What is off by more is no jitter: the device was reset, or stood still for longer than its time stamps tell, s.
