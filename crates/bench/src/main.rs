@@ -7,6 +7,7 @@ mod calibration;
 mod commands;
 mod diagnosis;
 mod exit;
+mod eyes;
 mod files;
 mod flight;
 mod seen;

@@ -26,7 +26,8 @@ const BUILDING: usize = 3;
 /// A Kinect that gives no frame for so long is not there, s.
 pub const SILENCE_S: f64 = 2.0;
 
-pub(super) const DEVICE: &str = "the Kinect";
+/// What a [`DeviceError`] calls it.
+pub const DEVICE: &str = "the Kinect";
 
 /// What became of the stream so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
