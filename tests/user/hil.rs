@@ -2,6 +2,7 @@
 //! `/dev/ttyACM0` (`usb_`). The last two are marked `ignored`: tests/run sets up what they need.
 
 mod firmware;
+mod lab;
 mod pty;
 mod usb;
 

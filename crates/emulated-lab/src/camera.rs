@@ -1,7 +1,6 @@
 //! The Kinect's two devices on the USB.
 
 use std::{
-    collections::VecDeque,
     sync::{
         Arc, Mutex, PoisonError,
         mpsc::{Receiver, Sender, channel},
@@ -59,7 +58,7 @@ impl CameraDevice {
                 camera: Arc::clone(&camera),
                 transmitter: Transmitter::new(stream, packets, seed),
                 shots: shutter.subscribe(),
-                waiting: VecDeque::new(),
+                waiting: None,
                 faults,
                 rng,
                 ran: None,
@@ -78,8 +77,8 @@ struct Line {
     camera: Arc<Mutex<Camera>>,
     transmitter: Transmitter,
     shots: Receiver<Arc<Frame>>,
-    /// Frames that jitter holds back, with when they are let go.
-    waiting: VecDeque<(Instant, Arc<Frame>)>,
+    /// The frame to be sent next, and not before when: jitter may hold it back.
+    waiting: Option<(Instant, Arc<Frame>)>,
     faults: Faults,
     rng: ChaCha8Rng,
     /// Since when the stream runs.
@@ -103,10 +102,8 @@ impl Line {
             self.look(ends);
             let mut lengths = Vec::with_capacity(urb.packets.len());
             for _ in &urb.packets {
-                let due = self.waiting.front().is_some_and(|(at, _)| *at <= ends);
                 if !self.transmitter.busy()
-                    && due
-                    && let Some((_, frame)) = self.waiting.pop_front()
+                    && let Some((_, frame)) = self.waiting.take_if(|(at, _)| *at <= ends)
                 {
                     self.transmitter.load(&frame);
                 }
@@ -133,7 +130,7 @@ impl Line {
         } else {
             self.ran = None;
             self.transmitter.halt();
-            self.waiting.clear();
+            self.waiting = None;
         }
         let stalls = self.ran.is_some_and(|since| {
             let running_s = now.saturating_duration_since(since).as_secs_f64();
@@ -141,12 +138,13 @@ impl Line {
         });
         if stalls {
             self.transmitter.halt();
-            self.waiting.clear();
+            self.waiting = None;
         }
         while let Ok(frame) = self.shots.try_recv() {
             if runs && !stalls {
                 let late_s = self.rng.random::<f64>() * self.faults.jitter_s.max(0.0);
-                self.waiting.push_back((now + Duration::from_secs_f64(late_s), frame));
+                // A camera does not keep what it had no time to send.
+                self.waiting = Some((now + Duration::from_secs_f64(late_s), frame));
             }
         }
     }
