@@ -18,9 +18,10 @@ fn variable(name: &str) -> String {
 fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
     let rig = root().join("rigs/transmitter.toml").canonicalize().unwrap();
     let settings = format!(
-        "rig = {rig:?}\nseed = 5\neffects = [{effects}]\nboard = {board:?}\ntruth = {truth:?}\n",
-        board = variable("BENCH_FIRMWARE_HOST"),
-        truth = scratch.name("truth.csv"),
+        "rig = \"{}\"\nseed = 5\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\n",
+        rig.display(),
+        variable("BENCH_FIRMWARE_HOST"),
+        scratch.name("truth.csv"),
     );
     fs::write(scratch.path("lab.toml"), settings).unwrap();
     let lab = Lab::from_env(variable("BENCH_LAB")).expect("BENCH_USB_KERNEL names the kernel (tests/run)");

@@ -1,6 +1,6 @@
 use super::{DriverError, packet::Stream};
 
-/// A way to a device: what the driver needs of the USB. libusb is one ([`super::Kinect::open`]), an emulated device within the process
+/// A way to a device: what the driver needs of the USB. libusb is one ([`super::open`]), an emulated device within the process
 /// another.
 pub trait Transport: Send {
     /// A vendor request to the device on endpoint 0, with data.
