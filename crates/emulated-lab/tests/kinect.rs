@@ -8,6 +8,7 @@ use std::{
 };
 
 use bench_emulated_lab::{Faults, Reel, Settings};
+use bench_kinect::fakenect::Replay;
 use bench_rig::Rig;
 use bench_usb_lab::host::{Lab, Outcome};
 use tempfile::TempDir;
@@ -104,6 +105,29 @@ fn usb_both_clients_get_the_same_frames_and_the_same_depths() {
     }
     // A tenth of each image are holes, and the sides see past the room.
     assert!(compared > 8 * 150_000, "{compared}");
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel and libfreenect: tests/run"]
+fn usb_recordings_by_libfreenects_own_recorder_are_read_here() {
+    let script = "echo plug 1 > /run/usb-lab
+        until [ $(ls /dev/bus/usb/001 | wc -l) -eq 3 ]; do sleep 0.05; done
+        fakenect-record theirs > $work/talk 2>&1 &
+        id=$!
+        until [ $(ls theirs 2>/dev/null | grep -c ppm) -ge 12 ]; do sleep 0.1; done
+        kill -INT $id
+        wait $id";
+    let (work, outcome) = run(Faults::default(), script, 120);
+    assert_eq!(outcome.status, Some(0), "{}", outcome.console);
+    let reel = reel();
+    let mut replay = Replay::open(work.path().join("theirs")).unwrap();
+    assert!(replay.frames() >= 6, "{}", replay.frames());
+    while let Some(frame) = replay.next_frame().unwrap() {
+        let truth = reel.content(Reel::number(frame.colour_ticks, 0));
+        assert!(frame.depth == truth.depth);
+        // Its colours are interpolated; each pixel's own is as it was.
+        assert!(frame.colour == truth.colour);
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The driver against an emulated Kinect at the other end of a cable within this process: no kernel, no waiting, time as the test says.
 
 use std::sync::{
-    Arc,
+    Arc, Mutex,
     atomic::{AtomicU64, Ordering},
 };
 
@@ -227,15 +227,15 @@ fn heavy_loss_gives_frames_up_and_never_mixes_them() {
 }
 
 /// The foot at the end of a cable.
-struct FootCable(Foot);
+struct FootCable(Arc<Mutex<Foot>>);
 
 impl Transport for FootCable {
     fn write(&mut self, request: u8, value: u16, _: u16, _: &[u8]) -> Result<(), TransportError> {
-        if self.0.take(request, value) { Ok(()) } else { Err(TransportError::Refused) }
+        if self.0.lock().unwrap().take(request, value) { Ok(()) } else { Err(TransportError::Refused) }
     }
 
     fn read(&mut self, request: u8, _: u16, _: u16, buffer: &mut [u8]) -> Result<usize, TransportError> {
-        let state = self.0.give(request).ok_or(TransportError::Refused)?;
+        let state = self.0.lock().unwrap().give(request).ok_or(TransportError::Refused)?;
         buffer[..state.len()].copy_from_slice(&state);
         Ok(state.len())
     }
@@ -250,7 +250,7 @@ impl Transport for FootCable {
 #[test]
 fn the_motor_tilts_and_the_accelerometer_shows_it() {
     let bench = Bench::new(PacketFaults::default());
-    let motor = Motor::new(Box::new(FootCable(Foot::default())));
+    let motor = Motor::new(Box::new(FootCable(Arc::default())));
     let cable = Box::new(bench.cable.clone());
     let mut kinect = Kinect::new(cable, Some(motor), Model::Xbox1414, "A0".to_owned()).unwrap();
     let motor = kinect.motor().unwrap();
@@ -262,6 +262,15 @@ fn the_motor_tilts_and_the_accelerometer_shows_it() {
     // Half a count of 819 a g is 6 mm/s^2, which is 0.04 degrees.
     assert!((ahead.atan2(up).to_degrees() + 10.0).abs() < 0.1);
     assert!(matches!(motor.tilt(45.0), Err(DriverError::OutOfRange { .. })));
+
+    // The lamp says whether it streams.
+    let lamp = Arc::new(Mutex::new(Foot::default()));
+    let motor = Motor::new(Box::new(FootCable(Arc::clone(&lamp))));
+    let kinect = Kinect::new(Box::new(bench.cable.clone()), Some(motor), Model::Xbox1414, "A0".to_owned());
+    let streaming = kinect.unwrap().stream(Settings::default(), || Time::ZERO).unwrap();
+    assert!(lamp.lock().unwrap().shows(Led::Green));
+    drop(streaming);
+    assert!(lamp.lock().unwrap().shows(Led::BlinkGreen));
 
     let words = bench.open().motor().err().unwrap().to_string();
     assert!(words.contains("not found beside its camera"), "{words}");

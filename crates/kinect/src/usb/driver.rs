@@ -7,7 +7,7 @@ use bench_device::{DeviceError, Time};
 use crate::frame::{Frame, FrameSource};
 
 use super::{
-    Blocks, DriverError, Motor, Statistics, Transport, TransportError,
+    Blocks, DriverError, Led, Motor, Statistics, Transport, TransportError,
     control::{Command, Control},
     frames::{Frames, Now, channel},
 };
@@ -181,7 +181,7 @@ impl Kinect {
         self.motor.as_mut().ok_or(DriverError::NoMotor { model: self.model, why })
     }
 
-    /// Starts both streams; `now` is the host's clock, from which frames' arrival is told.
+    /// Starts both streams, for which the lamp is steady green; `now` is the host's clock, from which frames' arrival is told.
     pub fn stream(
         mut self,
         settings: Settings,
@@ -199,9 +199,17 @@ impl Kinect {
         })?;
         // From here on, dropping stops.
         let mut streaming = Streaming { kinect: self, frames };
+        streaming.kinect.shine(Led::Green);
         streaming.kinect.write(&START)?;
         streaming.kinect.expose(shutter, settings.hold_white_balance)?;
         Ok(streaming)
+    }
+
+    /// A lamp that does not shine hurts nobody.
+    fn shine(&mut self, led: Led) {
+        if let Some(motor) = &mut self.motor {
+            let _ = motor.set_led(led);
+        }
     }
 
     fn write(&mut self, registers: &[(u16, u16)]) -> Result<(), DriverError> {
@@ -266,6 +274,8 @@ impl Drop for Streaming {
         // One that does not listen stops when its transfers end.
         if !self.frames.is_gone() {
             let _ = self.kinect.write(&STOP);
+            // As it was before it was opened.
+            self.kinect.shine(Led::BlinkGreen);
         }
         self.kinect.transport.stop();
     }

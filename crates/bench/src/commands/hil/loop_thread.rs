@@ -13,7 +13,7 @@ use bench_device::{Clock, DeviceError, PositionSource, VoltageOutput};
 use bench_kinect::{
     Frame, TrackedFrames,
     track::{Sighting, Tracker},
-    usb::{self, Blocks, DriverError, Kinect, Led, Settings, Statistics, Streaming, Wanted},
+    usb::{self, Blocks, DriverError, Kinect, Settings, Statistics, Wanted},
 };
 use bench_recording::{Event, EventText, Level, Recorder};
 use bench_rig::{Bench, Calibration as CameraCalibration, Mission, Rig};
@@ -172,7 +172,7 @@ impl LoopThread {
                 let safe = make_safe(&mut board, &outcome);
                 (outcome, safe)
             }
-            Some((kinect, seeing)) => match look(kinect, seeing.settings, clock) {
+            Some((kinect, seeing)) => match kinect.stream(seeing.settings, move || clock.now()) {
                 Ok(streaming) => {
                     let watch = |frame: &Frame, tracker: &Tracker, sighting: &Sighting| {
                         watched.borrow_mut().see(frame, tracker, sighting);
@@ -260,12 +260,6 @@ impl LoopThread {
             !stop.load(Ordering::Relaxed)
         }))
     }
-}
-
-fn look(mut kinect: Kinect, settings: Settings, clock: WallClock) -> Result<Streaming, DriverError> {
-    // A lamp that does not shine hurts nobody.
-    let _ = kinect.motor().and_then(|motor| motor.set_led(Led::Green));
-    kinect.stream(settings, move || clock.now())
 }
 
 fn make_safe(board: &mut Psoc5, outcome: &Result<Flown, NotArmed>) -> Safe {
