@@ -17,7 +17,7 @@ use bench_kinect::{
 use bench_recording::Record;
 use bench_rig::{Calibration, Mission, Rig};
 use bench_run::simulate_seen;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::json;
 
@@ -25,6 +25,7 @@ use crate::{exit::Exit, eyes::Eyes, files, seen, words};
 
 /// Record frames of a Kinect or of the virtual lab, in the folder format of libfreenect's recorder
 #[derive(Args)]
+#[command(group = ArgGroup::new("what").required(true).args(["positions", "mission", "kinect"]))]
 #[command(after_help = "Examples:
   bench record-frames --kinect 0 --exposure-ms 10 --seconds 2 -o p01/
   bench record-frames --positions places.csv --bare
@@ -35,10 +36,10 @@ names, beside the table: what `bench calibrate` reads. With --mission the frames
 reference.csv has the marker's true way. A second of frames takes 46 MB.")]
 pub struct Arguments {
     /// Table of places: CSV with a column `folder` and the marker's centre
-    #[arg(long, value_name = "CSV", required_unless_present_any = ["mission", "kinect"], conflicts_with_all = ["mission", "kinect"])]
+    #[arg(long, value_name = "CSV")]
     positions: Option<PathBuf>,
     /// Mission to fly
-    #[arg(long, requires = "output", conflicts_with = "kinect")]
+    #[arg(long, requires = "output")]
     mission: Option<String>,
     #[command(flatten)]
     eyes: Eyes,
