@@ -14,10 +14,16 @@ fuzz_target!(|input: &[u8]| {
     }
     let _ = parse_command(input);
     for sealed in [false, true] {
-        let device = Device { replies: input.split(|byte| *byte == 0xfe).map(<[u8]>::to_vec).collect(), sealed, asked: vec![] };
+        let device = Device {
+            replies: input.split(|byte| *byte == 0xfe).map(<[u8]>::to_vec).collect(),
+            sealed,
+            asked: vec![],
+        };
         if let Ok(kinect) = Kinect::new(Box::new(device), None, Model::Xbox1414, String::new()) {
             let blocks = kinect.blocks();
-            for length in [blocks.emitter_distance_cm, blocks.reference_distance_cm, blocks.reference_pixel_cm] {
+            for length in
+                [blocks.emitter_distance_cm, blocks.reference_distance_cm, blocks.reference_pixel_cm]
+            {
                 assert!(length.is_finite() && length > 0.0);
             }
         }
@@ -38,7 +44,8 @@ impl Transport for Device {
     }
 
     fn read(&mut self, _: u8, _: u16, _: u16, buffer: &mut [u8]) -> Result<usize, TransportError> {
-        let mut bytes = self.replies.pop().filter(|bytes| !bytes.is_empty()).ok_or(TransportError::TimedOut)?;
+        let mut bytes =
+            self.replies.pop().filter(|bytes| !bytes.is_empty()).ok_or(TransportError::TimedOut)?;
         if self.sealed {
             let asked = parse_command(&self.asked).map_err(|_| TransportError::Refused)?;
             // Short inputs stand for long blocks.
