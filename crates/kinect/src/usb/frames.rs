@@ -12,7 +12,7 @@ use crate::frame::{Frame, FrameSource, TICKS_PER_S, unpack_depth};
 
 use super::{
     Packets,
-    assembly::{Assembler, Counts},
+    assembly::{Assembler, Counts, Image},
     clock::HostClock,
     packet::Stream,
 };
@@ -62,14 +62,19 @@ pub(super) fn channel(now: Now) -> (Collector, Frames) {
         let _ = spares.push(Frame::default());
     }
     let shared = Arc::new(Shared::default());
+    let pairs = Pairs {
+        building: Vec::with_capacity(BUILDING),
+        free: Vec::with_capacity(FRAMES),
+        spare,
+        out,
+        frames: 0,
+        unpaired: 0,
+        overrun: 0,
+    };
     let collector = Collector {
         assemblers: Stream::ALL.map(Assembler::new),
         clocks: [HostClock::default(), HostClock::default()],
-        building: Vec::with_capacity(BUILDING + 1),
-        free: Vec::with_capacity(FRAMES),
-        statistics: Statistics::default(),
-        spare,
-        out,
+        pairs,
         shared: Arc::clone(&shared),
         now: Arc::clone(&now),
     };
@@ -81,14 +86,21 @@ pub(super) fn channel(now: Now) -> (Collector, Frames) {
 pub(super) struct Collector {
     assemblers: [Assembler; 2],
     clocks: [HostClock; 2],
+    pairs: Pairs,
+    shared: Arc<Shared>,
+    now: Now,
+}
+
+/// Brings colour and depth of one exposure together.
+struct Pairs {
     building: Vec<Building>,
     /// Frames given up, to be used again.
     free: Vec<Frame>,
-    statistics: Statistics,
     spare: Consumer<Frame>,
     out: Producer<Frame>,
-    shared: Arc<Shared>,
-    now: Now,
+    frames: u64,
+    unpaired: u64,
+    overrun: u64,
 }
 
 /// A frame, one image of which may be missing.
@@ -99,65 +111,76 @@ struct Building {
     ticks: u32,
 }
 
+impl Pairs {
+    /// Puts an image into its frame, and hands the frame on when it has both.
+    fn take(&mut self, stream: Stream, image: &mut Image<'_>, arrived_at: Time) {
+        let which = stream as usize;
+        let Some(place) = self.frame_of(which, image.ticks) else {
+            self.overrun += 1;
+            return;
+        };
+        let Building { frame, has, .. } = &mut self.building[place];
+        frame.arrived_at = if has.contains(&true) { frame.arrived_at.max(arrived_at) } else { arrived_at };
+        has[which] = true;
+        match stream {
+            Stream::Colour => {
+                std::mem::swap(image.data, &mut frame.colour);
+                std::mem::swap(image.received, &mut frame.colour_valid);
+                frame.colour_ticks = image.ticks;
+            }
+            Stream::Depth => {
+                // Both lengths are right by construction.
+                let _ = unpack_depth(image.data, &mut frame.depth);
+                std::mem::swap(image.received, &mut frame.depth_valid);
+                frame.depth_ticks = image.ticks;
+            }
+        }
+        if *has == [true; 2] {
+            // Frames leave in order: what is older and still waits will not be completed any more.
+            for Building { frame, .. } in self.building.drain(..place) {
+                self.unpaired += 1;
+                self.free.push(frame);
+            }
+            // There is room for all frames that there are.
+            let _ = self.out.push(self.building.remove(0).frame);
+            self.frames += 1;
+        }
+    }
+
+    /// Where the frame is that an image belongs to, a new one if need be; nothing when there is no frame left.
+    fn frame_of(&mut self, which: usize, ticks: u32) -> Option<usize> {
+        let waits = |frame: &Building| {
+            let apart = ticks.wrapping_sub(frame.ticks).cast_signed();
+            !frame.has[which] && apart.unsigned_abs() <= SAME_FRAME_TICKS
+        };
+        if let Some(place) = self.building.iter().position(waits) {
+            return Some(place);
+        }
+        if self.building.len() == BUILDING {
+            self.unpaired += 1;
+            self.free.push(self.building.remove(0).frame);
+        }
+        let frame = self.free.pop().or_else(|| self.spare.pop().ok())?;
+        self.building.push(Building { frame, has: [false; 2], ticks });
+        Some(self.building.len() - 1)
+    }
+}
+
 impl Packets for Collector {
     fn packet(&mut self, stream: Stream, packet: &[u8]) {
-        let Self { assemblers, clocks, building, free, statistics, spare, out, shared, now } = self;
-        let which = stream as usize;
+        let Self { assemblers, clocks, pairs, shared, now } = self;
+        let clock = &mut clocks[stream as usize];
         let mut images = 0;
-        assemblers[which].packet(packet, |image| {
+        assemblers[stream as usize].packet(packet, |mut image| {
             images += 1;
-            let arrived_at = clocks[which].arrived(image.ticks, now());
-            let place = building.iter().position(|frame| {
-                let apart = image.ticks.wrapping_sub(frame.ticks).cast_signed();
-                !frame.has[which] && apart.unsigned_abs() <= SAME_FRAME_TICKS
-            });
-            let place = if let Some(place) = place {
-                place
-            } else {
-                if building.len() == BUILDING {
-                    statistics.unpaired += 1;
-                    free.push(building.remove(0).frame);
-                }
-                let Some(mut frame) = free.pop().or_else(|| spare.pop().ok()) else {
-                    statistics.overrun += 1;
-                    return;
-                };
-                frame.arrived_at = arrived_at;
-                building.push(Building { frame, has: [false; 2], ticks: image.ticks });
-                building.len() - 1
-            };
-            let Building { frame, has, .. } = &mut building[place];
-            has[which] = true;
-            frame.arrived_at = frame.arrived_at.max(arrived_at);
-            match stream {
-                Stream::Colour => {
-                    std::mem::swap(image.data, &mut frame.colour);
-                    std::mem::swap(image.received, &mut frame.colour_valid);
-                    frame.colour_ticks = image.ticks;
-                }
-                Stream::Depth => {
-                    // Both lengths are right by construction.
-                    let _ = unpack_depth(image.data, &mut frame.depth);
-                    std::mem::swap(image.received, &mut frame.depth_valid);
-                    frame.depth_ticks = image.ticks;
-                }
-            }
-            if *has == [true; 2] {
-                // Frames leave in order: what is older and still waits will not be completed any more.
-                for Building { frame, .. } in building.drain(..place) {
-                    statistics.unpaired += 1;
-                    free.push(frame);
-                }
-                let Building { frame, .. } = building.remove(0);
-                // There is room for all frames that there are.
-                let _ = out.push(frame);
-                statistics.frames += 1;
-            }
+            let arrived_at = clock.arrived(image.ticks, now());
+            pairs.take(stream, &mut image, arrived_at);
         });
         if images > 0 {
-            statistics.streams = [assemblers[0].counts(), assemblers[1].counts()];
-            statistics.drift = clocks[which].drift();
-            *shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = *statistics;
+            let Pairs { frames, unpaired, overrun, .. } = *pairs;
+            let streams = [assemblers[0].counts(), assemblers[1].counts()];
+            let statistics = Statistics { streams, frames, unpaired, overrun, drift: clock.drift() };
+            *shared.statistics.lock().unwrap_or_else(PoisonError::into_inner) = statistics;
         }
     }
 
