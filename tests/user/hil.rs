@@ -1,7 +1,8 @@
 //! `bench hil`, `bench emulate` and `bench devices`. Three tiers: a pty, anywhere; the C firmware under qemu (`firmware_`); a real kernel's
-//! `/dev/ttyACM0` (`usb_`). The last two are marked `ignored`: tests/run sets up what they need.
+//! `/dev/ttyACM0`, alone or with a Kinect and a virtual airframe (`usb_`). The last two are marked `ignored`: tests/run sets up what they need.
 
 mod firmware;
+mod lab;
 mod pty;
 mod usb;
 

@@ -8,6 +8,7 @@ mod calibration;
 mod commands;
 mod diagnosis;
 mod exit;
+mod eyes;
 mod files;
 mod flight;
 mod model_page;

@@ -328,7 +328,8 @@ impl Recorder {
         }
         self.file(&format!("d-{host_s:.6}-{}.pgm", frame.depth_ticks))?;
         self.frames += 1;
-        Ok(())
+        // Who is killed while recording loses nothing.
+        self.index.flush().map_err(|reason| self.index_error(reason))
     }
 
     fn file(&mut self, name: &str) -> Result<(), KinectError> {

@@ -36,7 +36,7 @@ pub struct Frame {
     pub depth_valid: Mask,
     /// Device time of the depth image.
     pub depth_ticks: u32,
-    /// When the later of the two images was complete on the host.
+    /// When the later of the two images was complete on the host; from a Kinect, when it would have been without what the host delayed.
     pub arrived_at: Time,
 }
 

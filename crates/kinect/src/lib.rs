@@ -20,6 +20,7 @@ pub mod frame;
 pub mod render;
 mod source;
 pub mod track;
+pub mod usb;
 pub mod views;
 
 pub use error::KinectError;

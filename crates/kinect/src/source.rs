@@ -21,6 +21,11 @@ impl<S: FrameSource, W: FnMut(&Frame, &Tracker, &Sighting)> TrackedFrames<S, W> 
     pub fn new(frames: S, tracker: Tracker, latency_s: f64, watch: W) -> Self {
         Self { frames, tracker, latency_s, watch }
     }
+
+    /// Where the frames come from.
+    pub fn frames(&self) -> &S {
+        &self.frames
+    }
 }
 
 impl<S: FrameSource, W: FnMut(&Frame, &Tracker, &Sighting)> PositionSource for TrackedFrames<S, W> {

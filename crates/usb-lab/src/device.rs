@@ -30,6 +30,12 @@ pub struct Descriptors {
 impl Descriptors {
     /// A device descriptor of USB 2.0 with one configuration, and strings 1, 2, 3 for maker, product and serial number.
     pub fn device(class: u8, vendor: u16, product: u16) -> Vec<u8> {
+        Self::device_of_version(class, vendor, product, 0x0100)
+    }
+
+    /// The same with the maker's number for the device's version.
+    pub fn device_of_version(class: u8, vendor: u16, product: u16, version: u16) -> Vec<u8> {
+        let [version_low, version_high] = version.to_le_bytes();
         let [vendor_low, vendor_high] = vendor.to_le_bytes();
         let [product_low, product_high] = product.to_le_bytes();
         vec![
@@ -45,8 +51,8 @@ impl Descriptors {
             vendor_high,
             product_low,
             product_high,
-            0x00,
-            0x01,
+            version_low,
+            version_high,
             1,
             2,
             3,

@@ -230,13 +230,31 @@ fn what_cannot_be_flown_is_refused_before_anything_moves() {
     let board = Emulated::start(&scratch, &["--protocol-version", "9"]);
     let transmitter = rig_with(&scratch, "bench = \"loopback\"", "bench = \"transmitter\"");
     let out = scratch.name("x.mcap");
-    let cases: [(&[&str], i32, &str); 8] = [
+    let cases: [(&[&str], i32, &str); 10] = [
         (&[], 2, "--port"),
         (&["--port", "/dev/ttyNONE"], 4, "there is no port /dev/ttyNONE"),
         (&["--port", "/dev/null"], 4, "is it a serial port?"),
         (&["--port", &board.port], 4, "protocol 9"),
         (&["--port", &board.port, "--rig", "rigs/virtual.toml"], 2, "bench sim"),
-        (&["--port", &board.port, "--rig", &transmitter, "--mission", "rigs/missions/hop.toml"], 2, "Kinect"),
+        (
+            &["--port", &board.port, "--rig", &transmitter, "--mission", "rigs/missions/hop.toml"],
+            2,
+            "no calibration",
+        ),
+        (
+            &[
+                "--port",
+                &board.port,
+                "--rig",
+                "rigs/transmitter.toml",
+                "--effect",
+                "gusts:sigma_m_s=0.1,correlation_time_s=1",
+            ],
+            2,
+            "real airframe",
+        ),
+        // Nobody has ninety Kinects; some have no USB.
+        (&["--port", &board.port, "--rig", "rigs/transmitter.toml", "--kinect", "89"], 4, "USB"),
         (&["--port", &board.port, "--mission", "loop"], 2, "climb-040"),
         (
             &["--port", &board.port, "--effect", "loop-overrun:probability=0.1,mean_lateness_s=0.1"],

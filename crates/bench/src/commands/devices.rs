@@ -1,6 +1,7 @@
 use std::fmt::Write as _;
 
 use bench_dac::ports::{self, Port};
+use bench_kinect::usb::{self, DriverError, Listed, Model};
 use clap::Args;
 use serde_json::json;
 
@@ -19,26 +20,9 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Microsoft's USB devices that make up a Kinect v1.
-const MICROSOFT: u16 = 0x045e;
-const KINECT_PARTS: [(u16, &str); 4] = [
-    (0x02ae, "camera of a Kinect for Xbox"),
-    (0x02bf, "camera of a Kinect for Windows"),
-    (0x02ad, "microphones of a Kinect"),
-    (0x02b0, "motor of a Kinect"),
-];
-
-/// A part of a Kinect on the USB.
-struct KinectPart {
-    what: &'static str,
-    bus: u8,
-    address: u8,
-    product: u16,
-}
-
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let ports = ports::list();
-    let kinects = kinect_parts();
+    let kinects = usb::list();
     if arguments.json {
         let ports: Vec<_> = ports
             .iter()
@@ -55,43 +39,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
                 })
             })
             .collect();
-        let parts: Vec<_> = kinects
+        let listed: Vec<_> = kinects
             .iter()
             .flatten()
-            .map(|part| {
-                let product = format!("{:04x}", part.product);
-                json!({ "what": part.what, "bus": part.bus, "address": part.address, "product": product })
+            .map(|kinect| {
+                json!({
+                    "model": kinect.model.map(|model| model.to_string()),
+                    "bus": kinect.bus,
+                    "address": kinect.address,
+                    "serial": kinect.serial.as_ref().ok(),
+                    "motor": kinect.motor,
+                    "problem": kinect.serial.as_ref().err().map(ToString::to_string),
+                })
             })
             .collect();
-        let error = kinects.as_ref().err();
+        let error = kinects.as_ref().err().map(ToString::to_string);
         words::print_json(
-            &json!({ "schema": "bench.devices/1", "ports": ports, "kinects": parts, "usb_error": error }),
+            &json!({ "schema": "bench.devices/1", "ports": ports, "kinects": listed, "usb_error": error }),
         )?;
     } else {
-        words::print(&in_words(&ports, kinects.as_deref()))?;
+        words::print(&in_words(&ports, &kinects))?;
     }
     Ok(Exit::Done)
 }
 
-fn kinect_parts() -> Result<Vec<KinectPart>, String> {
-    // The global context of rusb panics where there is no USB.
-    let devices = rusb::Context::new()
-        .and_then(|context| rusb::UsbContext::devices(&context))
-        .map_err(|error| format!("{error} (is there a USB controller, and /dev/bus/usb?)"))?;
-    Ok(devices
-        .iter()
-        .filter_map(|device| {
-            let descriptor = device.device_descriptor().ok()?;
-            let (_, what) = KINECT_PARTS.into_iter().find(|(product, _)| {
-                descriptor.vendor_id() == MICROSOFT && descriptor.product_id() == *product
-            })?;
-            let (bus, address, product) = (device.bus_number(), device.address(), descriptor.product_id());
-            Some(KinectPart { what, bus, address, product })
-        })
-        .collect())
-}
-
-fn in_words(ports: &[Port], kinects: Result<&[KinectPart], &String>) -> String {
+fn in_words(ports: &[Port], kinects: &Result<Vec<Listed>, DriverError>) -> String {
     let mut out = String::from("serial ports\n");
     for port in ports {
         let _ = write!(out, "  {:<16} {}", port.path, port.description);
@@ -112,17 +84,36 @@ fn in_words(ports: &[Port], kinects: Result<&[KinectPart], &String>) -> String {
     }
     out.push_str("Kinects\n");
     match kinects {
-        Ok([]) => out.push_str("  none on the USB\n"),
-        Ok(parts) => {
-            for part in parts {
-                let KinectPart { what, bus, address, product } = part;
-                let _ = writeln!(
-                    out,
-                    "  bus {bus:03} address {address:03}  {what} ({MICROSOFT:04x}:{product:04x})"
-                );
+        Ok(kinects) => {
+            for (index, kinect) in kinects.iter().enumerate() {
+                out += &kinect_in_words(index, kinect);
+            }
+            if kinects.is_empty() {
+                out.push_str("  none on the USB\n");
             }
         }
-        Err(error) => _ = writeln!(out, "  the USB cannot be looked at: {error}"),
+        Err(error) => _ = writeln!(out, "  {error}"),
     }
     out
+}
+
+fn kinect_in_words(index: usize, kinect: &Listed) -> String {
+    let Listed { model, bus, address, serial, motor } = kinect;
+    let place = format!("bus {bus:03} address {address:03}");
+    let mut out = match model {
+        Some(model) => format!("  {index}  {place}  {model}"),
+        None => format!("  -  {place}  foot of a Kinect"),
+    };
+    if let Ok(serial) = serial {
+        let _ = write!(out, ", serial number {serial}");
+    }
+    if let Some(why) = model.and_then(Model::motor_limit) {
+        let _ = write!(out, "; no motor and accelerometer: {why}");
+    } else if !motor {
+        out.push_str("; its motor is not there");
+    }
+    if let Err(error) = serial {
+        let _ = write!(out, "\n     {error}");
+    }
+    out + "\n"
 }

@@ -27,9 +27,9 @@ use tokio::{
     sync::oneshot,
 };
 
-use crate::{exit::Exit, files, words};
+use crate::{exit::Exit, eyes::Eyes, files, seen, words};
 use live::Live;
-use loop_thread::{Landed, LoopThread, Order, Ready};
+use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
 use report::Report;
 
 /// Fly a mission through real hardware, in real time, and record it
@@ -38,8 +38,9 @@ use report::Report;
   bench hil --port /dev/ttyACM0
   bench hil --port /dev/ttyACM0 --mission hold-3d -o hold.mcap
   bench emulate psoc5 --link /tmp/psoc5 & bench hil --port /tmp/psoc5
+  bench hil --rig rigs/transmitter.toml --port /dev/ttyACM0 --exposure-ms 10
 
-`bench devices` lists ports; docs/hil.md tells wiring, checks and what stops a flight. Exit code 1 says that
+`bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a flight. Exit code 1 says that
 the mission's criteria were missed, 4 that a device failed or the flight was stopped; the throttle is at
 rest then.")]
 pub struct Arguments {
@@ -55,6 +56,8 @@ pub struct Arguments {
     /// Seed of the virtual airframe's and tracker's noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    #[command(flatten)]
+    eyes: Eyes,
     /// Add an effect to the virtual airframe: NAME:param=value,... (`bench effects` lists them); may be repeated
     #[arg(long = "effect", value_name = "NAME:PARAM=VALUE")]
     effects: Vec<String>,
@@ -81,6 +84,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let rig = rig(arguments)?;
     let mission = files::mission(&arguments.mission, &arguments.rig)?;
+    let seeing = seeing(arguments, &rig, &mission)?;
     let output = arguments.output.clone().unwrap_or_else(|| default_recording(&mission.name));
     files::make_room(&output, arguments.force)?;
 
@@ -94,6 +98,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         rig: rig.clone(),
         mission: mission.clone(),
         seed: arguments.seed,
+        seeing,
         stop: Arc::clone(&stop),
         progress,
     };
@@ -121,7 +126,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     };
     eprintln!("{port}: {}; {}", ready.identity, ready.granted);
-    eprintln!("loop from outputs to inputs: {}", ready.calibration);
+    let checked =
+        if ready.sees.is_some() { "in the board's memory, outputs checked at zero" } else { "measured" };
+    eprintln!("loop from outputs to inputs, {checked}: {}", ready.calibration);
+    if let Some(sees) = &ready.sees {
+        eprintln!("{sees}");
+        warn_of_other_constants(&rig, sees);
+    }
     let session = session(&rig, &mission, arguments.seed, &port, &ready);
     let recorder = match Recorder::create(&output, &session, Options::REAL_TIME) {
         Ok(recorder) => recorder,
@@ -182,7 +193,7 @@ fn finish(
     landed: Landed,
     output: &Path,
 ) -> anyhow::Result<Exit> {
-    let Landed { outcome, safe, counts, recorder } = landed;
+    let Landed { outcome, safe, counts, saw, recorder } = landed;
     let finished = recorder.finish();
     let flown = match outcome {
         Ok(flown) => flown,
@@ -191,7 +202,7 @@ fn finish(
             return Ok(Exit::Stopped);
         }
     };
-    let report = Report::new(rig, mission, arguments.seed, port, ready, &flown, &safe, counts);
+    let report = Report::new(rig, mission, arguments.seed, port, ready, &flown, &safe, counts, saw.as_ref());
     if arguments.json {
         words::print_json(&report.as_json(&finished))?;
     } else {
@@ -227,10 +238,12 @@ fn rig(arguments: &Arguments) -> anyhow::Result<Rig> {
     match rig.bench {
         Bench::Loopback => {}
         Bench::Transmitter => {
-            bail!(
-                "{path} needs a Kinect to see the airframe, and this version has no driver for one; fly {} instead",
-                files::LOOPBACK_RIG
-            )
+            if !(rig.effects.is_empty() && arguments.effects.is_empty()) {
+                bail!(
+                    "{path} flies the real airframe, to which no effect can be added; leave effects out, or fly {}",
+                    files::LOOPBACK_RIG
+                );
+            }
         }
         Bench::Virtual => {
             bail!("{path} has no hardware in it; fly it with `bench sim`, or give it `bench = \"loopback\"`")
@@ -250,6 +263,27 @@ fn rig(arguments: &Arguments) -> anyhow::Result<Rig> {
     // Effects are checked before anything is touched.
     Effects::from_rig(&rig, arguments.seed)?;
     Ok(rig)
+}
+
+/// How the airframe is seen, where it is a real one.
+fn seeing(arguments: &Arguments, rig: &Rig, mission: &Mission) -> anyhow::Result<Option<Seeing>> {
+    if rig.bench != Bench::Transmitter {
+        return Ok(None);
+    }
+    let calibration = seen::calibration(rig, &arguments.rig)?.clone();
+    seen::check_mission(mission)?;
+    Ok(Some(Seeing { wanted: arguments.eyes.wanted(), settings: arguments.eyes.settings(), calibration }))
+}
+
+/// A calibration holds for the constants that it was made with.
+fn warn_of_other_constants(rig: &Rig, sees: &Sees) {
+    let Some(calibration) = &rig.calibration else { return };
+    for (key, calibrated, device) in sees.blocks.differences(&calibration.depth) {
+        eprintln!(
+            "warning: the rig's calibration has {key} = {calibrated}, this Kinect {device}; is it the one that was calibrated? \
+             `bench calibrate` with its own frames"
+        );
+    }
 }
 
 fn there_is() -> String {
@@ -279,13 +313,16 @@ fn session(rig: &Rig, mission: &Mission, seed: u64, port: &str, ready: &Ready) -
         ("loop_calibration", ready.calibration.to_string()),
         ("scheduling", ready.granted.to_string()),
     ];
+    let sees =
+        ready.sees.as_ref().map(|sees| [("kinect", sees.to_string()), ("tracker", "Kinect".to_owned())]);
+    let extra = extra.into_iter().chain(sees.into_iter().flatten());
     Session {
         rig_name: rig.name.clone(),
         rig_toml: Some(rig.to_toml()),
         mission_name: mission.name.clone(),
         mission_toml: Some(mission.to_toml()),
         seed: Some(seed),
-        extra: extra.into_iter().map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
+        extra: extra.map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
         ..Session::new(Mode::Hil)
     }
 }

@@ -1,3 +1,5 @@
+mod live;
+
 use std::{
     fmt::Write as _,
     fs,
@@ -15,29 +17,33 @@ use bench_kinect::{
 use bench_recording::Record;
 use bench_rig::{Calibration, Mission, Rig};
 use bench_run::simulate_seen;
-use clap::Args;
+use clap::{ArgGroup, Args};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::json;
 
-use crate::{exit::Exit, files, seen, words};
+use crate::{exit::Exit, eyes::Eyes, files, seen, words};
 
-/// Record frames of the virtual lab in the folder format of libfreenect's recorder
+/// Record frames of a Kinect or of the virtual lab, in the folder format of libfreenect's recorder
 #[derive(Args)]
+#[command(group = ArgGroup::new("what").required(true).args(["positions", "mission", "kinect"]))]
 #[command(after_help = "Examples:
+  bench record-frames --kinect 0 --exposure-ms 10 --seconds 2 -o p01/
   bench record-frames --positions places.csv --bare
   bench record-frames --mission steps --from-s 5 --seconds 8 -o flight/
 
-With --positions the marker is put where the table says, and each row's frames go to the folder that it
+With --kinect a real Kinect is recorded, until Ctrl-C or the end of --seconds. With --positions the marker is put where the table says, and each row's frames go to the folder that it
 names, beside the table: what `bench calibrate` reads. With --mission the frames are those of a flight, and
 reference.csv has the marker's true way. A second of frames takes 46 MB.")]
 pub struct Arguments {
     /// Table of places: CSV with a column `folder` and the marker's centre
-    #[arg(long, value_name = "CSV", required_unless_present = "mission", conflicts_with = "mission")]
+    #[arg(long, value_name = "CSV")]
     positions: Option<PathBuf>,
     /// Mission to fly
     #[arg(long, requires = "output")]
     mission: Option<String>,
-    /// Folder for a flight's frames
+    #[command(flatten)]
+    eyes: Eyes,
+    /// Folder for the frames of a flight or of a Kinect
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
     /// Rig whose calibration is the truth of what the camera sees
@@ -50,9 +56,9 @@ pub struct Arguments {
     #[arg(long, requires = "positions")]
     bare: bool,
     /// When to begin in a flight
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, conflicts_with = "kinect")]
     from_s: f64,
-    /// How long to record a flight
+    /// How long to record a flight or a Kinect
     #[arg(long, default_value_t = 10.0)]
     seconds: f64,
     /// Seed of everything random
@@ -64,6 +70,9 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    if arguments.eyes.named() {
+        return live::run(arguments);
+    }
     let rig = files::rig(&arguments.rig)?;
     let calibration = seen::calibration(&rig, &arguments.rig)?;
     let recorded = match (&arguments.positions, &arguments.mission, &arguments.output) {

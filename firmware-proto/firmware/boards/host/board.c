@@ -1,6 +1,7 @@
 /*
  * The application as a Linux program, in real time. Its serial line is standard input and output; it ends when the other side
- * closes it. With the environment variable BOARD_TRACE naming a file, it appends there what the outputs did, and when.
+ * closes it. With the environment variable BOARD_TRACE naming a file, it appends there what the outputs and their pins did, and when. With
+ * BOARD_CALIBRATED it has the true errors of its outputs in its memory, as a board that was calibrated once.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -44,12 +45,15 @@ uint64_t board_time_us(void) { return monotonic_us() - reset_us; }
 
 void board_dac_set(unsigned channel, int32_t microvolts)
 {
-    if (trace != NULL && dac_uv[channel] != microvolts) {
-        fprintf(trace, "%" PRIu64 " dac %u %" PRId32 "\n", board_time_us(), channel, microvolts);
+    const bool changed = dac_uv[channel] != microvolts;
+    loop_set(channel, microvolts);
+    if (trace != NULL && changed) {
+        const uint64_t now_us = board_time_us();
+        fprintf(trace, "%" PRIu64 " dac %u %" PRId32 "\n", now_us, channel, microvolts);
+        fprintf(trace, "%" PRIu64 " pin %u %" PRId32 "\n", now_us, channel, loop_pin(channel));
         fflush(trace);
     }
     dac_uv[channel] = microvolts;
-    loop_set(channel, microvolts);
 }
 
 int32_t board_adc_read(unsigned channel) { return loop_read(channel); }
@@ -58,7 +62,9 @@ bool board_reset_by_brown_out(void) { return false; }
 
 bp_calibration board_calibration(unsigned channel)
 {
-    (void)channel;
+    if (getenv("BOARD_CALIBRATED") != NULL) {
+        return (bp_calibration){.gain_ppm = loop_gain_ppm(channel), .offset_uv = loop_offset_uv(channel)};
+    }
     return (bp_calibration){.gain_ppm = 1000000, .offset_uv = 0};
 }
 

@@ -25,3 +25,7 @@ int32_t loop_read(unsigned channel)
     noise = noise * 1664525u + 1013904223u;
     return pin_uv[channel] + (int32_t)((noise >> 16) % (2 * NOISE_UV + 1)) - NOISE_UV;
 }
+
+int32_t loop_pin(unsigned channel) { return pin_uv[channel]; }
+uint32_t loop_gain_ppm(unsigned channel) { return (uint32_t)ERRORS[channel].gain_ppm; }
+int32_t loop_offset_uv(unsigned channel) { return ERRORS[channel].offset_uv; }

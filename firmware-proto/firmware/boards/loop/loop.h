@@ -10,4 +10,9 @@
 void loop_set(unsigned channel, int32_t microvolts);
 int32_t loop_read(unsigned channel);
 
+/* What the output's pin is at, and the errors that a calibration of the loop would find. */
+int32_t loop_pin(unsigned channel);
+uint32_t loop_gain_ppm(unsigned channel);
+int32_t loop_offset_uv(unsigned channel);
+
 #endif

@@ -1,4 +1,5 @@
 use std::{
+    cell::RefCell,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -8,14 +9,22 @@ use std::{
 };
 
 use bench_dac::{Calibration, DacError, Identity, LinkCounts, Psoc5, Safe};
-use bench_device::{Clock, DeviceError};
+use bench_device::{Clock, DeviceError, PositionSource, VoltageOutput};
+use bench_kinect::{
+    Frame, TrackedFrames,
+    track::{Sighting, Tracker},
+    usb::{self, Blocks, DriverError, Kinect, Settings, Statistics, Wanted},
+};
 use bench_recording::{Event, EventText, Level, Recorder};
-use bench_rig::{Mission, Rig};
+use bench_rig::{Bench, Calibration as CameraCalibration, Mission, Rig};
 use bench_run::{
-    Ending, Flown, Granted, Loopback, Progress, WallClock, await_marker, drain_truth, fly_guarded,
+    Ending, Flown, Granted, Loopback, LoopbackOutput, Progress, WallClock, await_marker, drain_truth,
+    fly_guarded,
 };
 use rtrb::Producer;
 use tokio::sync::oneshot;
+
+use crate::seen::Watch;
 
 /// How long the tracker may take to see the marker before arming, s.
 const MARKER_PATIENCE_S: f64 = 3.0;
@@ -30,15 +39,60 @@ pub struct LoopThread {
     pub rig: Rig,
     pub mission: Mission,
     pub seed: u64,
+    /// How a real airframe is seen; `None` where it is virtual.
+    pub seeing: Option<Seeing>,
     pub stop: Arc<AtomicBool>,
     pub progress: Producer<Progress>,
 }
 
-/// The board is there and calibrated.
+/// Which Kinect sees the airframe, and how.
+pub struct Seeing {
+    pub wanted: Wanted,
+    pub settings: Settings,
+    pub calibration: CameraCalibration,
+}
+
+/// The Kinect that sees.
+pub struct Sees {
+    pub model: String,
+    pub serial: String,
+    pub blocks: Blocks,
+}
+
+impl std::fmt::Display for Sees {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}, serial number {}", self.model, self.serial)
+    }
+}
+
+/// What became of its frames.
+pub struct Saw {
+    pub statistics: Statistics,
+    pub watch: Watch,
+}
+
+/// The board is there and calibrated, and the Kinect where one is needed.
 pub struct Ready {
     pub granted: Granted,
     pub identity: Identity,
     pub calibration: Calibration,
+    pub sees: Option<Sees>,
+}
+
+/// Why a device is not ready.
+#[derive(Debug)]
+pub enum NotReady {
+    Board(DacError),
+    Kinect(DriverError),
+}
+
+impl std::fmt::Display for NotReady {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Board(error) => error.fmt(f),
+            Self::Kinect(error) => error.fmt(f),
+        }
+    }
 }
 
 /// What the loop's thread is told next.
@@ -52,6 +106,7 @@ pub struct Landed {
     pub outcome: Result<Flown, NotArmed>,
     pub safe: Safe,
     pub counts: LinkCounts,
+    pub saw: Option<Saw>,
     pub recorder: Recorder,
 }
 
@@ -59,6 +114,7 @@ pub struct Landed {
 #[derive(Debug)]
 pub enum NotArmed {
     Board(DacError),
+    Kinect(DriverError),
     Tracker(DeviceError),
     NoMarker,
     Effects(bench_plant::effects::EffectError),
@@ -69,6 +125,7 @@ impl std::fmt::Display for NotArmed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Board(error) => error.fmt(f),
+            Self::Kinect(error) => error.fmt(f),
             Self::Tracker(error) => error.fmt(f),
             Self::NoMarker => write!(
                 f,
@@ -83,18 +140,22 @@ impl std::fmt::Display for NotArmed {
 impl LoopThread {
     pub fn run(
         mut self,
-        ready: &mpsc::Sender<Result<Ready, DacError>>,
+        ready: &mpsc::Sender<Result<Ready, NotReady>>,
         orders: &mpsc::Receiver<Order>,
         landed: oneshot::Sender<Landed>,
     ) {
-        // Before the port is opened: its thread inherits the priority.
+        // Before port and Kinect are opened: their threads inherit the priority.
         let granted = Granted::ask();
-        let connected = Psoc5::connect(&self.port, &self.rig)
-            .and_then(|mut board| board.calibrate().map(|calibration| (board, calibration)));
-        let mut board = match connected {
-            Ok((board, calibration)) => {
-                let _ = ready.send(Ok(Ready { granted, identity: board.identity(), calibration }));
-                board
+        let (mut board, kinect) = match self.connect() {
+            Ok((board, kinect)) => {
+                let sees = kinect.as_ref().map(|kinect| Sees {
+                    model: kinect.model().to_string(),
+                    serial: kinect.serial().to_owned(),
+                    blocks: kinect.blocks().clone(),
+                });
+                let (identity, calibration) = (board.identity(), board.calibration());
+                let _ = ready.send(Ok(Ready { granted, identity, calibration, sees }));
+                (board, kinect)
             }
             Err(error) => {
                 let _ = ready.send(Err(error));
@@ -102,38 +163,109 @@ impl LoopThread {
             }
         };
         let Ok(Order::Fly(mut recorder)) = orders.recv() else { return };
-        let outcome = self.fly(&mut board, &mut recorder);
-        let vanished = matches!(&outcome, Ok(Flown { ending: Ending::Fault(DeviceError::Gone { .. }), .. }));
-        let safe = board.make_safe(if vanished { RETURN_PATIENCE } else { ZERO_PATIENCE });
+        let clock = WallClock::start();
+        let mut saw = None;
+        let watched = RefCell::new(Watch::default());
+        let (outcome, safe) = match kinect.zip(self.seeing.take()) {
+            None => {
+                let outcome = self.fly_virtual(clock, &mut board, &mut recorder);
+                let safe = make_safe(&mut board, &outcome);
+                (outcome, safe)
+            }
+            Some((kinect, seeing)) => match kinect.stream(seeing.settings, move || clock.now()) {
+                Ok(streaming) => {
+                    let watch = |frame: &Frame, tracker: &Tracker, sighting: &Sighting| {
+                        watched.borrow_mut().see(frame, tracker, sighting);
+                    };
+                    let latency_s = self.rig.tracker.latency_s.value;
+                    let tracker = Tracker::new(&seeing.calibration);
+                    let mut tracker = TrackedFrames::new(streaming, tracker, latency_s, watch);
+                    let outcome =
+                        self.fly(clock, &mut board, &mut tracker, &mut recorder, Psoc5::arm, |_| {});
+                    // Before the Kinect is closed, which may take its time.
+                    let safe = make_safe(&mut board, &outcome);
+                    let statistics = tracker.frames().statistics();
+                    drop(tracker);
+                    let watch = watched.take();
+                    saw = Some(Saw { statistics, watch });
+                    (outcome, safe)
+                }
+                Err(error) => {
+                    let outcome = Err(NotArmed::Kinect(error));
+                    let safe = make_safe(&mut board, &outcome);
+                    (outcome, safe)
+                }
+            },
+        };
         let counts = board.counts();
-        let _ = landed.send(Landed { outcome, safe, counts, recorder });
+        let _ = landed.send(Landed { outcome, safe, counts, saw, recorder });
     }
 
-    fn fly(&mut self, board: &mut Psoc5, recorder: &mut Recorder) -> Result<Flown, NotArmed> {
-        let mut clock = WallClock::start();
+    /// Kinect first: it moves nothing.
+    fn connect(&self) -> Result<(Psoc5, Option<Kinect>), NotReady> {
+        let kinect = self.seeing.as_ref().map(|seeing| usb::open(&seeing.wanted));
+        let kinect = kinect.transpose().map_err(NotReady::Kinect)?;
+        let mut board = Psoc5::connect(&self.port, &self.rig).map_err(NotReady::Board)?;
+        let checked = if self.rig.bench == Bench::Transmitter {
+            board.check_at_zero()
+        } else {
+            board.calibrate().map(|_| ())
+        };
+        checked.map_err(NotReady::Board)?;
+        Ok((board, kinect))
+    }
+
+    fn fly_virtual(
+        &mut self,
+        clock: WallClock,
+        board: &mut Psoc5,
+        recorder: &mut Recorder,
+    ) -> Result<Flown, NotArmed> {
         let lab = Loopback::new(&self.rig, self.seed, clock).map_err(NotArmed::Effects)?;
         let (mut output, mut tracker) = lab.ends(board);
         let world = output.world();
-        let seen = await_marker(&mut clock, &mut tracker, MARKER_PATIENCE_S).map_err(NotArmed::Tracker)?;
+        let arm = |output: &mut LoopbackOutput<'_, Psoc5>| output.inner().arm();
+        self.fly(clock, &mut output, &mut tracker, recorder, arm, |recorder| drain_truth(&world, recorder))
+    }
+
+    /// Waits for the marker, arms, flies; `each` is called every iteration.
+    fn fly<V: VoltageOutput>(
+        &mut self,
+        mut clock: WallClock,
+        output: &mut V,
+        tracker: &mut impl PositionSource,
+        recorder: &mut Recorder,
+        arm: impl FnOnce(&mut V) -> Result<(), DacError>,
+        mut each: impl FnMut(&mut Recorder),
+    ) -> Result<Flown, NotArmed> {
+        let seen = await_marker(&mut clock, tracker, MARKER_PATIENCE_S).map_err(NotArmed::Tracker)?;
         if !seen {
             return Err(NotArmed::NoMarker);
         }
         if self.stop.load(Ordering::Relaxed) {
             return Err(NotArmed::Stopped);
         }
-        output.inner().arm().map_err(NotArmed::Board)?;
+        arm(output).map_err(NotArmed::Board)?;
         recorder.record(Event {
             time: clock.now(),
             level: Level::Info,
             text: EventText::from("armed").unwrap_or_default(),
         });
         let (stop, progress) = (&self.stop, &mut self.progress);
-        let ends = (&mut clock, &mut output, &mut tracker);
+        let ends = (&mut clock, output, tracker);
         Ok(fly_guarded(ends, &self.rig, &self.mission, recorder, |now, recorder| {
-            drain_truth(&world, recorder);
+            each(recorder);
             // A screen that is behind misses an iteration.
             let _ = progress.push(*now);
             !stop.load(Ordering::Relaxed)
         }))
     }
+}
+
+fn make_safe(board: &mut Psoc5, outcome: &Result<Flown, NotArmed>) -> Safe {
+    let vanished = matches!(
+        outcome,
+        Ok(Flown { ending: Ending::Fault(DeviceError::Gone { device, .. }), .. }) if *device != usb::DEVICE
+    );
+    board.make_safe(if vanished { RETURN_PATIENCE } else { ZERO_PATIENCE })
 }

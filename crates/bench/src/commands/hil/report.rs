@@ -6,8 +6,8 @@ use bench_rig::{Mission, Rig};
 use bench_run::{Check, Flown, Percentiles, check};
 use serde_json::{Value, json};
 
-use super::loop_thread::Ready;
-use crate::{exit::Exit, flight::Flight};
+use super::loop_thread::{Ready, Saw};
+use crate::{exit::Exit, eyes, flight::Flight};
 
 /// A flight on hardware as told to a person or a program.
 pub struct Report<'a> {
@@ -19,6 +19,7 @@ pub struct Report<'a> {
     flown: &'a Flown,
     safe: &'a Safe,
     counts: LinkCounts,
+    saw: Option<&'a Saw>,
     checks: Vec<Check>,
 }
 
@@ -33,14 +34,15 @@ impl<'a> Report<'a> {
         flown: &'a Flown,
         safe: &'a Safe,
         counts: LinkCounts,
+        saw: Option<&'a Saw>,
     ) -> Self {
         let checks = check(&mission.criteria, &flown.summary);
-        Self { rig, mission, seed, port, ready, flown, safe, counts, checks }
+        Self { rig, mission, seed, port, ready, flown, safe, counts, saw, checks }
     }
 
     fn flight(&self) -> Flight<'_> {
-        let Self { rig, mission, seed, flown, ref checks, .. } = *self;
-        Flight { rig, mission, seed, flown, checks, watch: None }
+        let Self { rig, mission, seed, flown, saw, ref checks, .. } = *self;
+        Flight { rig, mission, seed, flown, checks, watch: saw.map(|saw| &saw.watch) }
     }
 
     /// A flight whose outputs nobody saw at zero in the end was no success.
@@ -63,6 +65,9 @@ impl<'a> Report<'a> {
             "  {:<18} {asked} commands, {lost} without answer, {late} too late, {stale} stale and {corrupt} corrupt answers",
             "link"
         );
+        if let Some(saw) = self.saw {
+            let _ = writeln!(out, "  {:<18} {}", "Kinect", eyes::in_words(&saw.statistics));
+        }
         out.push_str(&self.flight().in_words(finished));
         match self.safe {
             Safe::Confirmed { reconnected, faults } => {
@@ -119,6 +124,7 @@ impl<'a> Report<'a> {
                 "stale": self.counts.stale, "corrupt": self.counts.corrupt,
             },
             "outputs_at_zero": safe,
+            "kinect": self.saw.map(|saw| eyes::as_json(&saw.statistics)),
         });
         if let (Value::Object(value), Value::Object(more)) = (&mut value, more) {
             value.extend(more);

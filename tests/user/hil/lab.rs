@@ -1,0 +1,168 @@
+//! The whole lab, emulated: in a user-mode kernel a Kinect and a board with the real firmware, joined by a virtual airframe in another
+//! process. The bench sees all of it through its real drivers alone, and is not told what the lab has that its rig has not.
+
+use std::{fs, time::Duration};
+
+use bench_usb_lab::host::{Lab, Outcome};
+
+use crate::support::{Scratch, bench, json, root};
+
+/// What the lab has: rotors that follow slowly.
+const PLANTED_S: f64 = 0.12;
+
+fn variable(name: &str) -> String {
+    std::env::var(name).unwrap_or_else(|_| panic!("{name} is set by tests/run"))
+}
+
+/// Runs a script in the kernel with camera, motor and board plugged in.
+fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
+    let rig = root().join("rigs/transmitter.toml").canonicalize().unwrap();
+    let settings = format!(
+        "rig = \"{}\"\nseed = 5\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\n",
+        rig.display(),
+        variable("BENCH_FIRMWARE_HOST"),
+        scratch.name("truth.csv"),
+    );
+    fs::write(scratch.path("lab.toml"), settings).unwrap();
+    let lab = Lab::from_env(variable("BENCH_LAB")).expect("BENCH_USB_KERNEL names the kernel (tests/run)");
+    let prelude = format!(
+        "bench={}\nwork=$PWD\ncd {}\necho plug 1 > /run/usb-lab\necho plug 2 > /run/usb-lab
+        until [ -e /dev/ttyACM0 ]; do sleep 0.05; done
+        hil=\"$bench hil --rig rigs/transmitter.toml --port /dev/ttyACM0 --exposure-ms 10 --json\"\n",
+        env!("CARGO_BIN_EXE_bench"),
+        root().canonicalize().unwrap().display()
+    );
+    let outcome = lab.run(&scratch.path(""), &(prelude + script), Duration::from_secs(240)).unwrap();
+    assert_eq!(outcome.status, Some(0), "{}", outcome.console);
+    outcome
+}
+
+fn report(scratch: &Scratch, name: &str) -> serde_json::Value {
+    serde_json::from_str(&fs::read_to_string(scratch.path(name)).unwrap()).unwrap()
+}
+
+/// Altitude and throttle of the airframe, as it really was.
+fn truth(scratch: &Scratch) -> Vec<[f64; 2]> {
+    let mut reader = csv::Reader::from_path(scratch.path("truth.csv")).unwrap();
+    let number = |row: &csv::StringRecord, i: usize| row[i].parse().unwrap();
+    // The kernel is switched off in the middle of a line.
+    let rows = reader.records().map_while(Result::ok).filter(|row| row.len() == 5);
+    let mut rows: Vec<_> = rows.map(|row| [number(&row, 3), number(&row, 4)]).collect();
+    rows.pop();
+    rows
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found() {
+    let scratch = Scratch::new();
+    run(
+        &scratch,
+        &format!("\"rotor-lag:time_constant_s={PLANTED_S}\""),
+        "$bench devices --json > $work/devices.json || exit 1
+        # Criteria are made for a lab without anything planted in it.
+        fly() { $hil --mission $1 -o $work/$1.mcap > $work/$1.json 2> $work/$1.words; [ $? -le 1 ] || { cat $work/$1.words $work/$1.json; exit 2; } }
+        fly hop
+        fly climb-040
+        $bench record-frames --kinect A00EMULATED0001A --seconds 1 -o $work/frames --json > $work/frames.json
+        case $? in 0|3) ;; *) exit 4;; esac",
+    );
+    let devices = report(&scratch, "devices.json");
+    let kinect = &devices["kinects"][0];
+    assert_eq!((&kinect["motor"], &kinect["problem"]), (&true.into(), &serde_json::Value::Null), "{devices}");
+    assert!(kinect["model"].as_str().unwrap().contains("1414"), "{devices}");
+
+    for flight in ["hop.json", "climb-040.json"] {
+        let report = report(&scratch, flight);
+        assert_eq!(
+            (&report["ending"], &report["outputs_at_zero"]["confirmed"]),
+            (&"complete".into(), &true.into()),
+            "{report}"
+        );
+        let (frames, found) =
+            (report["tracking"]["frames"].as_f64().unwrap(), report["tracking"]["found"].as_f64().unwrap());
+        // How many frames come is a matter of how busy the machine is; that the marker is in them is not, but for those at the start.
+        assert!(frames > 60.0 && found > 0.95 * frames, "{report}");
+    }
+    // Armed, climbed, held; landed, and the rotors stand still.
+    let truth = truth(&scratch);
+    let peak = truth.iter().fold(0.0_f64, |peak, [z, _]| peak.max(*z));
+    assert!((0.4..1.0).contains(&peak), "{peak}");
+    let [z, throttle_v] = truth[truth.len() - 1];
+    assert!(z == 0.0 && throttle_v < 0.1, "{z} {throttle_v}");
+
+    // A recording is what a lab machine would make: it knows nothing of the truth.
+    let recorded = json(&bench(["info", &scratch.name("climb-040.mcap"), "--json"]).assert().success());
+    assert_eq!(
+        (&recorded["mode"], recorded["rig"].to_string().contains("transmitter")),
+        (&"hil".into(), true),
+        "{recorded}"
+    );
+    let simulated = scratch.fly("sim.mcap", &["--rig", "rigs/transmitter.toml"]);
+    let compared =
+        json(&bench(["diff", &simulated, &scratch.name("climb-040.mcap"), "--json"]).assert().code(1));
+    assert_eq!(compared["verdict"], "different", "{compared}");
+
+    let flights = [scratch.name("hop.mcap"), scratch.name("climb-040.mcap")];
+    let diagnosed = json(
+        &bench(["diagnose", "--rig", "rigs/transmitter.toml", "--json", &flights[0], &flights[1]])
+            .assert()
+            .success(),
+    );
+    let named = diagnosed["effects"].as_array().unwrap();
+    assert!(named.contains(&"rotor-lag".into()), "{diagnosed}");
+    let parameters = diagnosed["candidates"][0]["parameters"].as_array().unwrap();
+    let lag = parameters.iter().find(|parameter| parameter["effect"] == "rotor-lag").unwrap();
+    // The diagnosis' own interval is 5 %; three times that.
+    assert!((lag["value"].as_f64().unwrap() - PLANTED_S).abs() < 0.15 * PLANTED_S, "{lag}");
+
+    let frames = report(&scratch, "frames.json");
+    assert!(frames["folders"][0]["frames"].as_u64().unwrap() >= 1, "{frames}");
+    // The airframe stands where it landed, and the frames show it there.
+    let arguments = ["track", &scratch.name("frames"), "--rig", "rigs/transmitter.toml", "--json"];
+    let tracked = json(&bench(arguments).assert().success());
+    assert!(tracked["tracking"]["found"].as_u64().unwrap() >= 1, "{tracked}");
+    let last =
+        tracked["positions"].as_array().unwrap().iter().rfind(|position| position["status"] == "found");
+    // Half of the depth's noise stays the same from frame to frame: 4 mm at 1.8 m. Height has none of it.
+    let z_m = last.unwrap()["position_m"][2].as_f64().unwrap();
+    assert!(z_m.abs() < 0.005, "{tracked}");
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_kinect_that_is_unplugged_in_flight_stops_it_with_the_throttle_at_rest() {
+    let scratch = Scratch::new();
+    run(
+        &scratch,
+        "",
+        "$hil --mission climb-040 -o $work/flown.mcap > $work/report.json 2> $work/words &
+        id=$!
+        until awk -F, 'NR > 1 && $4 > 0.2 { found = 1 } END { exit !found }' $work/truth.csv; do sleep 0.2; done
+        echo unplug 0 > /run/usb-lab
+        wait $id
+        echo $? > $work/code
+        $hil --mission hop -o $work/second.mcap > $work/second.json 2> $work/second
+        echo $? > $work/second.code",
+    );
+    let read = |name: &str| fs::read_to_string(scratch.path(name)).unwrap();
+    assert_eq!(read("code").trim(), "4", "{}", read("words"));
+    let report = report(&scratch, "report.json");
+    assert_eq!(
+        (&report["ending"], &report["outputs_at_zero"]["confirmed"]),
+        (&"fault".into(), &true.into()),
+        "{report}"
+    );
+    assert!(report["reason"].as_str().unwrap().contains("the Kinect is gone"), "{report}");
+    bench(["info", &scratch.name("flown.mcap")]).assert().success();
+    let throttle_v = truth(&scratch).last().unwrap()[1];
+    assert!(throttle_v < 0.1, "{throttle_v}");
+    // Without a camera nothing is armed; what remains of the Kinect says what is missing.
+    assert_eq!(read("second.code").trim(), "4");
+    assert!(
+        read("second").contains("not its camera: plug in the Kinect's own power supply"),
+        "{}",
+        read("second")
+    );
+    assert!(!scratch.path("second.mcap").exists());
+}
