@@ -64,7 +64,7 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
         fly() { $hil --mission $1 -o $work/$1.mcap > $work/$1.json 2> $work/$1.words; [ $? -le 1 ] || { cat $work/$1.words $work/$1.json; exit 2; } }
         fly hop
         fly climb-040
-        $bench record-frames --kinect A00EMULATED0001A --seconds 1 -o $work/frames --json > $work/frames.json
+        $bench record-frames --kinect A00EMULATED0001A --seconds 3 -o $work/frames --json > $work/frames.json
         case $? in 0|3) ;; *) exit 4;; esac",
     );
     let devices = report(&scratch, "devices.json");
@@ -117,10 +117,11 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
     assert!((lag["value"].as_f64().unwrap() - PLANTED_S).abs() < 0.15 * PLANTED_S, "{lag}");
 
     let frames = report(&scratch, "frames.json");
-    assert!(frames["folders"][0]["frames"].as_u64().unwrap() >= 1, "{frames}");
+    // The tracker believes a marker in its second frame.
+    assert!(frames["folders"][0]["frames"].as_u64().unwrap() >= 3, "{frames}");
     // The airframe stands where it landed, and the frames show it there.
     let arguments = ["track", &scratch.name("frames"), "--rig", "rigs/transmitter.toml", "--json"];
-    let tracked = json(&bench(arguments).assert().success());
+    let tracked = json(&bench(arguments).assert());
     assert!(tracked["tracking"]["found"].as_u64().unwrap() >= 1, "{tracked}");
     let last =
         tracked["positions"].as_array().unwrap().iter().rfind(|position| position["status"] == "found");
