@@ -43,7 +43,6 @@ pub fn best_effects(diagnosis: &Diagnosis) -> Option<String> {
     if diagnosis.verdict == Verdict::Effect {
         return Some(diagnosis.effects.join(" and "));
     }
-    diagnosis.gap.closure?;
     let best = diagnosis.candidates.iter().find(|candidate| candidate.name != "unknown")?;
     (!best.effects.is_empty()).then(|| best.effects.join(" and "))
 }
@@ -137,6 +136,7 @@ fn left_over(diagnosis: &Diagnosis) -> String {
     let told = [
         (place.unexplained, "an acceleration of no known form".to_owned()),
         (wave.gain, format!("a swing at {} Hz", digits(wave.hz))),
+        (place.unexplained_pulses, "a thrust that is missing, or too much, for moments".to_owned()),
         (place.unexplained_readback, "a readback of no known law".to_owned()),
     ];
     let most = told.into_iter().filter(|(gain, _)| *gain > PLAIN_NATS).max_by(|a, b| a.0.total_cmp(&b.0));
