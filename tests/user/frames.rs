@@ -104,3 +104,67 @@ fn wrong_frames_are_refused_with_what_to_do() {
     let words = refused(bench(["calibrate", &scratch.name("few.csv"), "-o", &scratch.name("k.toml")]), 2);
     assert!(words.contains("at least 6"), "{words}");
 }
+
+/// Effects on the tracker, put into the frames, and what of them is found. A place that is far off does not pass the tracker's gates, so
+/// that outliers come out as lost frames.
+#[test]
+fn what_is_wrong_with_the_frames_is_diagnosed_and_nothing_where_nothing_is() {
+    let cases = [
+        (None, None),
+        (Some("tracker-latency:extra_s=0.06"), Some("tracker-latency")),
+        // What it costs is named now and then; that frames are late always shows.
+        (Some("tracker-jitter:sigma_s=0.01"), None),
+        (Some("tracker-scale:scale_error=0.08,bias_m=0.01"), Some("tracker-scale")),
+        (Some("tracker-noise:sigma_m=0.006"), Some("tracker-noise")),
+        (Some("tracker-dropout:probability=0.1,mean_burst_frames=4"), Some("tracker-dropout")),
+        (Some("tracker-outliers:probability=0.03,sigma_m=0.15"), Some("tracker-dropout")),
+    ];
+    for (effect, expected) in cases {
+        let scratch = Scratch::new();
+        let flights: Vec<String> = ["climb-040", "steps", "low-hover", "hop"]
+            .iter()
+            .map(|mission| {
+                let flight = scratch.name(&format!("{mission}.mcap"));
+                let mut command = bench(["sim", "--frames", "--mission", mission, "-o", &flight]);
+                command.args(effect.iter().flat_map(|effect| ["--effect", effect]));
+                // A mission's criteria are not what is asked here.
+                command.assert().code(vec![0, 1]);
+                flight
+            })
+            .collect();
+        let mut command = bench(["diagnose", "--rig", "rigs/virtual.toml", "--json"]);
+        let report = json(&command.args(&flights).assert().success());
+        let named: Vec<&str> =
+            report["effects"].as_array().unwrap().iter().filter_map(|name| name.as_str()).collect();
+        match expected {
+            Some(expected) => assert!(named.contains(&expected), "{effect:?}: {named:?}"),
+            None if effect.is_none() => assert_eq!(report["verdict"], "none", "{named:?}"),
+            None => {
+                let channels: Vec<_> = report["direct"]
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .map(|found| found["channel"].clone())
+                    .collect();
+                assert!(channels.contains(&"arrivals".into()), "{effect:?}: {report}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_flight_by_frames_differs_from_one_by_positions_in_what_the_tracker_says() {
+    let scratch = Scratch::new();
+    let (frames, positions) = (scratch.name("frames.mcap"), scratch.name("positions.mcap"));
+    bench(["sim", "--frames", "-o", &frames]).assert().success();
+    bench(["sim", "-o", &positions]).assert().success();
+    let report = json(&bench(["diff", &frames, &positions, "--json"]).assert().code(vec![0, 1]));
+    let fields = report["fields"].as_array().unwrap();
+    let rms = |channel: &str| {
+        let z = fields.iter().find(|f| f["channel"] == channel && f["field"] == "position_m.z").unwrap();
+        z["difference"]["rms"].as_f64().unwrap()
+    };
+    // The same airframe on the same mission; steps of 5 mm and 2 mm of noise on one side, a fraction of that on the other.
+    assert!(rms("/tracker/position") < 0.03 && rms("/plant/truth") < 0.03, "{report}");
+    assert!(rms("/tracker/position") > 0.001, "{report}");
+}
