@@ -328,7 +328,7 @@ impl<'a> Problem<'a> {
     }
 
     /// What a promise on top of a fit comes to, with the fit's random effects as they are.
-    pub fn keep(&self, promise: Promise, base: &Fit) -> Fit {
+    pub(crate) fn keep(&self, promise: Promise, base: &Fit) -> Fit {
         let fit = self.refine(promise.start, base.noise);
         Fit {
             log_evidence: fit.log_evidence + base.random_ln,

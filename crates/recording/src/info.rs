@@ -96,13 +96,19 @@ impl Info {
 pub(crate) struct Survey {
     pub info: Info,
     pub session: Session,
+    /// Where the summary says that chunks begin; `None` without a summary.
+    pub chunks: Option<Vec<u64>>,
 }
 
 impl Survey {
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let mut container = Container::open(path)?;
         match container.summary() {
-            Ok(Some(summary)) => Findings::from_summary(&mut container, summary)?.survey(&container, true),
+            Ok(Some(mut summary)) => {
+                let chunks = std::mem::take(&mut summary.chunks);
+                let survey = Findings::from_summary(&mut container, summary)?.survey(&container, true)?;
+                Ok(Self { chunks: Some(chunks), ..survey })
+            }
             Ok(None) => Findings::by_scan(&mut container)?.survey(&container, true),
             Err(RecordingError::Unfinished { .. }) => {
                 Findings::by_scan(&mut container)?.survey(&container, false)
@@ -246,7 +252,7 @@ impl Findings {
             attachments: self.attachments,
             extra: session.extra.clone(),
         };
-        Ok(Survey { info, session })
+        Ok(Survey { info, session, chunks: None })
     }
 
     fn no_session(&self, path: &Path, closed: bool) -> RecordingError {

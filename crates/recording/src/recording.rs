@@ -23,15 +23,20 @@ pub struct Recording {
     path: PathBuf,
     session: Session,
     info: Info,
+    /// Where chunks begin, the first one last; `None` if the file has no summary.
+    chunks: Option<Vec<u64>>,
 }
 
 impl Recording {
     /// Opens a recording that was closed. One that was not is [`RecordingError::Unfinished`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
-        let Survey { info, session } = Survey::read(path)?;
+        let Survey { info, session, mut chunks } = Survey::read(path)?;
+        if let Some(starts) = &mut chunks {
+            starts.sort_unstable_by(|a, b| b.cmp(a));
+        }
         if info.closed {
-            Ok(Self { path: path.to_owned(), session, info })
+            Ok(Self { path: path.to_owned(), session, info, chunks })
         } else {
             Err(RecordingError::Unfinished { path: path.to_owned() })
         }
@@ -60,7 +65,7 @@ impl Recording {
 
     /// Reads the records in the order of the file, which is that in which they were recorded.
     pub fn records(&self) -> Result<Records, RecordingError> {
-        Records::open(&self.path)
+        Records::open(&self.path, self.chunks.clone())
     }
 }
 
@@ -83,13 +88,8 @@ pub struct Records {
 }
 
 impl Records {
-    fn open(path: &Path) -> Result<Self, RecordingError> {
+    fn open(path: &Path, chunks: Option<Vec<u64>>) -> Result<Self, RecordingError> {
         let mut container = Container::open(path)?;
-        let chunks = container.summary()?.map(|summary| {
-            let mut starts = summary.chunks;
-            starts.sort_unstable_by(|a, b| b.cmp(a));
-            starts
-        });
         container.rewind()?;
         let options =
             LinearReaderOptions::default().with_emit_chunks(true).with_validate_data_section_crc(true);

@@ -202,7 +202,18 @@ fn finish(
             return Ok(Exit::Stopped);
         }
     };
-    let report = Report::new(rig, mission, arguments.seed, port, ready, &flown, &safe, counts, saw.as_ref());
+    let report = Report {
+        rig,
+        mission,
+        seed: arguments.seed,
+        port,
+        ready,
+        flown: &flown,
+        safe: &safe,
+        counts,
+        saw: saw.as_ref(),
+        checks: bench_run::check(&mission.criteria, &flown.summary),
+    };
     if arguments.json {
         words::print_json(&report.as_json(&finished))?;
     } else {

@@ -3,7 +3,7 @@ use std::fmt::Write as _;
 use bench_dac::{LinkCounts, Safe};
 use bench_recording::{Finished, RecordingError};
 use bench_rig::{Mission, Rig};
-use bench_run::{Check, Flown, Percentiles, check};
+use bench_run::{Check, Flown, Percentiles};
 use serde_json::{Value, json};
 
 use super::loop_thread::{Ready, Saw};
@@ -11,35 +11,19 @@ use crate::{exit::Exit, eyes, flight::Flight};
 
 /// A flight on hardware as told to a person or a program.
 pub struct Report<'a> {
-    rig: &'a Rig,
-    mission: &'a Mission,
-    seed: u64,
-    port: &'a str,
-    ready: &'a Ready,
-    flown: &'a Flown,
-    safe: &'a Safe,
-    counts: LinkCounts,
-    saw: Option<&'a Saw>,
-    checks: Vec<Check>,
+    pub rig: &'a Rig,
+    pub mission: &'a Mission,
+    pub seed: u64,
+    pub port: &'a str,
+    pub ready: &'a Ready,
+    pub flown: &'a Flown,
+    pub safe: &'a Safe,
+    pub counts: LinkCounts,
+    pub saw: Option<&'a Saw>,
+    pub checks: Vec<Check>,
 }
 
-impl<'a> Report<'a> {
-    #[expect(clippy::too_many_arguments, reason = "it is all that there is to tell")]
-    pub fn new(
-        rig: &'a Rig,
-        mission: &'a Mission,
-        seed: u64,
-        port: &'a str,
-        ready: &'a Ready,
-        flown: &'a Flown,
-        safe: &'a Safe,
-        counts: LinkCounts,
-        saw: Option<&'a Saw>,
-    ) -> Self {
-        let checks = check(&mission.criteria, &flown.summary);
-        Self { rig, mission, seed, port, ready, flown, safe, counts, saw, checks }
-    }
-
+impl Report<'_> {
     fn flight(&self) -> Flight<'_> {
         let Self { rig, mission, seed, flown, saw, ref checks, .. } = *self;
         Flight { rig, mission, seed, flown, checks, watch: saw.map(|saw| &saw.watch) }
