@@ -119,6 +119,10 @@ impl Flight {
         Self { process: Process(child), words }
     }
 
+    fn ended(&mut self) -> bool {
+        self.process.0.try_wait().unwrap().is_some()
+    }
+
     /// Exit code and words.
     fn end(mut self) -> (Option<i32>, String) {
         let code = self.process.0.wait().unwrap().code();

@@ -62,83 +62,114 @@ const GRID_LOSS: f64 = 0.06;
 /// Sweeps of the search over all coordinates.
 const SWEEPS: usize = 6;
 
-/// Adds a random effect to a fit: a search along each coordinate in turn, noise included; evidence from the curvature
-/// along each. `None` if no size of it is better than none.
+/// Numbers that gain less under the noise found, nats, are where they should be.
+const SETTLED_NATS: f64 = 1.0;
+/// Rounds of noise and numbers.
+const ROUNDS: usize = 3;
+
+/// Adds a random effect to a fit: its noise, and the numbers that the fit without it may have bent to do its work, in
+/// turn. `None` if no size of it is better than none.
 pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit> {
-    let slot = base.point.effects.len();
-    let own: Vec<Free> = effect_coordinates(slot, effect).collect();
-    let with = |own_values: &[f64]| {
+    let on_top =
+        OnTop { problem, effect, own: effect_coordinates(base.point.effects.len(), effect).collect() };
+    let (noise, start) = on_top.coarse(base)?;
+    let mut fit = on_top.descend(base, noise, start);
+    for _ in 0..ROUNDS {
+        let numbers = problem.refine(fit.point.clone(), fit.noise);
+        let gained = fit.objective - numbers.objective;
+        if gained < SETTLED_NATS {
+            break;
+        }
+        let mut base = numbers;
+        let values = base.point.effects.pop().map(|(_, values)| values).unwrap_or_default();
+        let start = on_top.own.iter().zip(values).map(|(f, value)| f.own(value)).collect();
+        fit = on_top.descend(&base, base.noise, start);
+    }
+    Some(fit)
+}
+
+/// A random effect on top of a fit.
+struct OnTop<'a> {
+    problem: &'a Problem<'a>,
+    effect: usize,
+    own: Vec<Free>,
+}
+
+impl OnTop<'_> {
+    fn point(&self, base: &Fit, own: &[f64]) -> Point {
         let mut point = base.point.clone();
-        point.effects.push((effect, own.iter().zip(own_values).map(|(f, x)| f.value(*x)).collect()));
+        point.effects.push((self.effect, self.own.iter().zip(own).map(|(f, x)| f.value(*x)).collect()));
         point
-    };
-    let objective = |noise: &Noise, own_values: &[f64]| {
-        let point = with(own_values);
+    }
+
+    fn objective(&self, base: &Fit, noise: &Noise, own: &[f64]) -> f64 {
         let own_prior: f64 =
-            own.iter().zip(own_values).map(|(f, x)| 0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
-        problem.objective(&point, noise, &base.free) + own_prior
-    };
-    let mut grid = vec![Vec::new()];
-    for f in &own {
-        grid = grid
-            .into_iter()
-            .flat_map(|head: Vec<f64>| {
-                [-1.5, -0.5, 0.5, 1.5].map(|k| {
-                    let mut next = head.clone();
-                    next.push(f.mean + k * f.sigma);
-                    next
+            self.own.iter().zip(own).map(|(f, x)| 0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
+        self.problem.objective(&self.point(base, own), noise, &base.free) + own_prior
+    }
+
+    /// Noise and effect from which to search, if they promise anything.
+    fn coarse(&self, base: &Fit) -> Option<(Noise, Vec<f64>)> {
+        let mut grid = vec![Vec::new()];
+        for f in &self.own {
+            grid = grid
+                .into_iter()
+                .flat_map(|head: Vec<f64>| {
+                    [-1.5, -0.5, 0.5, 1.5].map(|k| {
+                        let mut next = head.clone();
+                        next.push(f.mean + k * f.sigma);
+                        next
+                    })
                 })
-            })
-            .collect();
+                .collect();
+        }
+        // The base's noise was bent to do the effect's work: from what was thought of it before.
+        let mut noise = base.noise;
+        match LIBRARY[self.effect].name {
+            "gusts" => noise.turbulence = self.problem.noise.turbulence,
+            "tracker-jitter" | "tracker-dropout" => {}
+            _ => noise.sighting_m = self.problem.noise.sighting_m,
+        }
+        let (value, start) = grid
+            .into_iter()
+            .map(|values| (self.objective(base, &noise, &values), values))
+            .min_by(|a, b| a.0.total_cmp(&b.0))?;
+        // So far behind that no search from so coarse a grid makes it up.
+        let sightings = base.sightings as f64;
+        (value <= base.objective + 15.0 + GRID_LOSS * sightings).then_some((noise, start))
     }
-    // The base's noise was bent to do the effect's work: from what was thought of it before.
-    let mut noise = base.noise;
-    match LIBRARY[effect].name {
-        "gusts" => noise.turbulence = problem.noise.turbulence,
-        "tracker-jitter" | "tracker-dropout" => {}
-        _ => noise.sighting_m = problem.noise.sighting_m,
+
+    /// A search along each coordinate in turn, noise included; evidence from the curvature along each.
+    fn descend(&self, base: &Fit, noise: Noise, start: Vec<f64>) -> Fit {
+        let (usual, own) = (self.problem.noise, &self.own);
+        // Coordinates: logarithms of process and tracker noise against their prior, then the effect's own.
+        let mut x =
+            vec![(noise.turbulence / usual.turbulence).ln(), (noise.sighting_m / usual.sighting_m).ln()];
+        x.extend(start);
+        let scaled = |x: &[f64]| Noise {
+            turbulence: usual.turbulence * x[0].exp(),
+            sighting_m: usual.sighting_m * x[1].exp(),
+            ..base.noise
+        };
+        let at = |x: &[f64]| self.objective(base, &scaled(x), &x[2..]);
+        let steps = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
+        let (best, curvature) = descend(&at, &mut x, steps);
+        let sigmas: Vec<f64> =
+            own.iter().zip(&curvature[2..]).map(|(f, c)| c.max(f.sigma.powi(-2)).sqrt().recip()).collect();
+        let ln_width: f64 = own.iter().zip(&sigmas).map(|(f, sigma)| (sigma / f.sigma).ln()).sum();
+        let ln_prior: f64 =
+            own.iter().zip(&x[2..]).map(|(f, x)| -0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
+        Fit {
+            point: self.point(base, &x[2..]),
+            noise: scaled(&x),
+            random: own.iter().copied().zip(sigmas).collect(),
+            random_ln: ln_prior + ln_width,
+            objective: best + ln_prior,
+            // The other coordinates' evidence is the base's: their curvature hardly changes with the noise.
+            log_evidence: base.log_evidence + base.objective - best + ln_width,
+            ..base.clone()
+        }
     }
-    let (value, start) = grid
-        .into_iter()
-        .map(|values| (objective(&noise, &values), values))
-        .min_by(|a, b| a.0.total_cmp(&b.0))?;
-    // So far behind that no search from so coarse a grid makes it up.
-    let sightings = base.sightings as f64;
-    if value > base.objective + 15.0 + GRID_LOSS * sightings {
-        return None;
-    }
-    // Coordinates: logarithms of process and tracker noise against their prior, then the effect's own.
-    let mut x = vec![
-        (noise.turbulence / problem.noise.turbulence).ln(),
-        (noise.sighting_m / problem.noise.sighting_m).ln(),
-    ];
-    x.extend(start);
-    let scaled = |x: &[f64]| Noise {
-        turbulence: problem.noise.turbulence * x[0].exp(),
-        sighting_m: problem.noise.sighting_m * x[1].exp(),
-        ..base.noise
-    };
-    let at = |x: &[f64]| objective(&scaled(x), &x[2..]);
-    let steps = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
-    let (best, curvature) = descend(&at, &mut x, steps);
-    let ln_width: f64 =
-        own.iter().zip(&curvature[2..]).map(|(f, c)| -(f.sigma * c.max(f.sigma.powi(-2)).sqrt()).ln()).sum();
-    let noise = scaled(&x);
-    let random =
-        own.iter().zip(&curvature[2..]).map(|(f, c)| (*f, c.max(f.sigma.powi(-2)).sqrt().recip())).collect();
-    // The other coordinates' evidence is the base's: their curvature hardly changes with the noise.
-    let log_evidence = base.log_evidence + base.objective - best + ln_width;
-    let ln_prior: f64 = own.iter().zip(&x[2..]).map(|(f, x)| -0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
-    let random_ln = ln_prior + ln_width;
-    Some(Fit {
-        point: with(&x[2..]),
-        noise,
-        random,
-        random_ln,
-        objective: best + ln_prior,
-        log_evidence,
-        ..base.clone()
-    })
 }
 
 /// Searches along each coordinate in turn, by parabolas; the least value and the curvature along each.

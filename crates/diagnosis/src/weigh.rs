@@ -1,6 +1,6 @@
 //! How hypotheses are weighed against one another: evidence of filter and direct channels, forms, and what is left.
 
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, Stage};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -306,8 +306,10 @@ fn unexplained(
         structure = structure.max(on_null.ceiling);
         wave = wave.max(wave_on_null - 0.5 * gain);
     }
+    // A tracker that is known to be wrong may be so in more than one way.
+    let of_tracker = best.effects.iter().any(|effect| LIBRARY[*effect].stage == Stage::Tracker);
     let tracker = on_best.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
-    let structure = structure.max(tracker);
+    let structure = if of_tracker { structure } else { structure.max(tracker) };
     let left = structure.max(wave).max(0.7 * (structure + wave));
     let forgiven =
         if best.effects.is_empty() { FORGIVEN_NONE_NATS } else { FORGIVEN_NATS + FORGIVEN_SHARE * gain };

@@ -132,6 +132,31 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
 
 #[test]
 #[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_without_anything_planted_shows_nothing_but_a_busy_machine() {
+    let scratch = Scratch::new();
+    run(
+        &scratch,
+        "",
+        "fly() { $hil --mission $1 -o $work/$1.mcap > $work/$1.json 2> $work/$1.words; [ $? -le 1 ] || { cat $work/$1.words $work/$1.json; exit 2; } }
+        fly hop
+        fly climb-040",
+    );
+    let flights = [scratch.name("hop.mcap"), scratch.name("climb-040.mcap")];
+    let diagnosed = json(
+        &bench(["diagnose", "--rig", "rigs/transmitter.toml", "--json", &flights[0], &flights[1]])
+            .assert()
+            .success(),
+    );
+    // A kernel in a process, with a camera to render, has no core for itself: frames and iterations are late or lost in earnest.
+    let busy = ["tracker-dropout", "tracker-jitter", "tracker-latency", "loop-overrun"];
+    let named = diagnosed["effects"].as_array().unwrap();
+    assert!(diagnosed["verdict"] != "unknown", "{diagnosed}");
+    assert!(named.iter().all(|name| busy.contains(&name.as_str().unwrap())), "{diagnosed}");
+    println!("{} {named:?}", diagnosed["verdict"]);
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
 fn usb_kinect_that_is_unplugged_in_flight_stops_it_with_the_throttle_at_rest() {
     let scratch = Scratch::new();
     run(

@@ -50,9 +50,8 @@ fn what(out: &mut String, diagnosis: &Diagnosis) {
     );
     for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {
         let _ = writeln!(out, "  {}: {}", effect.name, effect.summary);
-    }
-    if diagnosis.verdict == Verdict::Effect {
-        for p in diagnosis.candidates.first().into_iter().flat_map(|candidate| &candidate.parameters) {
+        let fitted = diagnosis.candidates.first().into_iter().flat_map(|candidate| &candidate.parameters);
+        for p in fitted.filter(|p| p.effect == effect.name) {
             let _ = writeln!(out, "    {}", parameter(p));
         }
     }
