@@ -66,7 +66,9 @@ fn intervals_of_95_percent_hold_in_500_draws() {
         }
     }
     let share = inside.map(|count| f64::from(count) / draws as f64);
-    println!("multiplier, boundary inside their intervals: {share:?} of {draws}");
+    for (name, count) in ["multiplier", "boundary"].iter().zip(inside) {
+        println!("coverage | {name}: noise 0.1 g | {count} | {draws}");
+    }
     // Three deviations of a binomial share.
     let three = 3.0 * (0.95 * 0.05 / draws as f64).sqrt();
     assert!(share.iter().all(|share| (share - 0.95).abs() < three), "{share:?}");
