@@ -53,6 +53,7 @@ pub fn refused(mut command: Command, code: i32) -> String {
     let assert = command.assert().code(code);
     let words = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
     assert!(words.contains("error: ") && !words.contains("panicked"), "{words}");
+    assert!(words.matches("os error").count() < 2, "a cause is told twice: {words}");
     words
 }
 

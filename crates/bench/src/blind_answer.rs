@@ -1,27 +1,21 @@
 //! What `bench diagnose` says, in the words of the blind check.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use bench_blind::{Answer, Interval, Told, Verdict};
-use bench_diagnosis::{self as diagnosis, Calibration, Diagnosis, Problem, Track};
-use bench_recording::Flight;
+use bench_diagnosis::{self as diagnosis, Calibration, Diagnosis, Problem};
 use bench_rig::Rig;
+
+use crate::commands::tracks::Selection;
 
 /// From this evidence on an axis is named, nats; the same as on the screen of `bench diagnose`.
 const REGION_NATS: f64 = 3.0;
 
 /// Diagnoses one case: its rig and its recordings, as a user would.
-pub fn diagnosed(rig: &Path, flights: &[impl AsRef<Path>]) -> anyhow::Result<Answer> {
+pub fn diagnosed(rig: &Path, flights: Vec<PathBuf>) -> anyhow::Result<Answer> {
     let rig = Rig::load(rig)?;
-    let (mut tracks, mut unusable) = (Vec::new(), Vec::new());
-    for path in flights {
-        let path = path.as_ref();
-        match Track::from_flight(&path.display().to_string(), &Flight::load(path)?, &rig) {
-            Ok(track) => tracks.push(track),
-            Err(error) => unusable.push(error.to_string()),
-        }
-    }
+    let (tracks, unusable) = Selection::whole(flights).tracks(&rig, |_, _| ())?;
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed: {}", unusable.join("; "));
     }

@@ -24,18 +24,21 @@ const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
 /// Missions that stand for those of logs that carry none.
 const USUAL: &str = "rigs/missions/blind";
 
-/// The missions of a set of flights.
-pub struct Missions(Vec<Mission>);
+/// The missions that recordings carry. Flights without one (imported logs) are stood for by the others, or by the missions of
+/// the blind check.
+#[derive(Default)]
+pub struct Missions(pub Vec<Mission>);
 
 impl Missions {
-    /// From the missions that recordings carry; flights without one (imported logs) are stood for by the others, or by
-    /// the missions of the blind check.
-    pub fn of(carried: Vec<Option<String>>) -> anyhow::Result<Self> {
-        let mut missions = Vec::new();
-        for text in carried.into_iter().flatten() {
-            missions.push(Mission::read("mission of the recording".as_ref(), &text)?);
+    /// Each once.
+    pub fn distinct(&self) -> Vec<Mission> {
+        let mut distinct: Vec<Mission> = Vec::new();
+        for mission in &self.0 {
+            if !distinct.contains(mission) {
+                distinct.push(mission.clone());
+            }
         }
-        Ok(Self(missions))
+        distinct
     }
 
     fn or_usual(&self) -> anyhow::Result<Vec<Mission>> {

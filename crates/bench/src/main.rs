@@ -88,7 +88,7 @@ fn main() -> std::process::ExitCode {
         Ok(exit) => exit.into(),
         Err(error) if words::is_closed_pipe(&error) => Exit::Done.into(),
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", words::causes(&error));
             Exit::BadInput.into()
         }
     }

@@ -98,6 +98,15 @@ pub fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
     print(&serde_json::to_string_pretty(value)?)
 }
 
+/// An error with its causes, those left out that the words before tell already.
+pub fn causes(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |said, cause| match cause.to_string() {
+        cause if said.is_empty() => cause,
+        cause if said.contains(&cause) => said,
+        cause => format!("{said}: {cause}"),
+    })
+}
+
 /// Whether the reader of our output went away (`bench ... | head`), which is no error.
 pub fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error

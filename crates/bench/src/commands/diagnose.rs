@@ -76,18 +76,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     // The rig's own effects are part of the model that is asked about.
     resolve_all(&rig.effects)?;
     let between = between(arguments)?;
-    let mut missions = Vec::new();
-    let mut carried = Vec::new();
+    let mut flown = Missions::default();
+    let mut unread = Vec::new();
     let (tracks, mut warnings) = arguments.selection.tracks(&rig, |path, flight| {
-        carried.push(flight.mission_toml().map(str::to_owned));
-        // Only what is compared with a next flight.
-        let mission = flight.mission_toml().and_then(|text| Mission::read(path, text).ok());
-        missions.extend(mission.filter(|mission| !missions.contains(mission)));
+        match flight.mission_toml().map(|text| Mission::read(path, text)) {
+            Some(Ok(mission)) => flown.0.push(mission),
+            // The flights can be diagnosed all the same.
+            Some(Err(error)) => unread.push(format!("the mission that {} holds: {error}", path.display())),
+            None => {}
+        }
     })?;
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
-    let flown = Missions::of(carried)?;
+    warnings.extend(unread);
     let calibration = match arguments.calibrate {
         Some(sets) => calibration::learn(&rig, &flown, sets)?,
         None => calibration::cached(&rig, &flown).unwrap_or_else(Calibration::built_in),
@@ -96,7 +98,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mut diagnosis = Diagnosis::of(&problem, &calibration);
     let mut refused = false;
     if arguments.next_flight.is_some() {
-        match NextFlight::propose(&problem, &diagnosis.candidates, between, &missions, fly) {
+        match NextFlight::propose(&problem, &diagnosis.candidates, between, &flown.distinct(), fly) {
             Ok(next) => diagnosis.next_flight = Some(next),
             Err(reason) => {
                 refused = true;

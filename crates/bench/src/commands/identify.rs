@@ -9,6 +9,7 @@ use bench_identification::{
 };
 use bench_rig::{GRAVITY_M_S2, Rig};
 use clap::{Args, Subcommand, ValueEnum};
+use serde::Serialize;
 
 use crate::{commands::tracks::Selection, exit::Exit, files, words, words::short};
 
@@ -26,9 +27,17 @@ enum What {
     Flight(FlightArguments),
 }
 
-/// How a balance was used.
+/// Readings of a balance, and what becomes of them.
 #[derive(Args)]
 struct Balance {
+    /// Table of readings, CSV
+    readings: PathBuf,
+    /// Rig to begin with
+    #[arg(long)]
+    rig: PathBuf,
+    /// Rig to write, the airframe in it
+    #[arg(short, long)]
+    output: PathBuf,
     /// How thrust comes to the balance; not asked where the column is called `thrust_g` or `thrust_n`
     #[arg(long, value_name = "HOW", default_value = "suspended")]
     mounting: MountingChoice,
@@ -38,6 +47,15 @@ struct Balance {
     /// Step of the balance, g, where the readings' digits do not tell
     #[arg(long, value_name = "GRAMS")]
     resolution_g: Option<f64>,
+    /// Replace an existing output
+    #[arg(long)]
+    force: bool,
+    /// Print as JSON (schema bench.identification.thrust/1 or bench.identification.ground-effect/1)
+    #[arg(long)]
+    json: bool,
+    /// Also write a page with the plot
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -51,6 +69,40 @@ enum MountingChoice {
 }
 
 impl Balance {
+    /// Rig and readings; an error where the output may not be written.
+    fn begin(&self) -> anyhow::Result<(Rig, Readings)> {
+        files::may_write(&self.output, self.force)?;
+        let rig = files::rig(&self.rig)?;
+        let readings = Readings::load(&self.readings, &rig).context("nothing identified, nothing written")?;
+        Ok((rig, readings))
+    }
+
+    /// Where nothing was found.
+    fn nothing(&self) -> String {
+        format!("{}: nothing identified, nothing written", self.readings.display())
+    }
+
+    /// Writes the rig, with `head` saying how it was made, and tells what was found.
+    fn end(
+        &self,
+        (rig, head): (&Rig, &str),
+        found: &impl Serialize,
+        in_words: &str,
+        page: impl FnOnce() -> String,
+    ) -> anyhow::Result<Exit> {
+        files::write_rig(&self.output, head, rig)?;
+        if self.json {
+            words::print_json(found)?;
+        } else {
+            words::print(in_words)?;
+        }
+        if let Some(file) = &self.html {
+            files::write(file, &page())?;
+            eprintln!("wrote {}", file.display());
+        }
+        Ok(Exit::Done)
+    }
+
     fn options(&self) -> anyhow::Result<ThrustOptions> {
         let newtons = |name: &str, grams: Option<f64>| -> anyhow::Result<Option<f64>> {
             match grams {
@@ -91,11 +143,6 @@ fn refused_in_words(out: &mut String, refused: &[Refused]) {
     if others.len() > MOST {
         let _ = writeln!(out, "  and {} more; --json has all", others.len() - MOST);
     }
-}
-
-/// Reads a table of readings for a rig.
-fn readings(table: &std::path::Path, rig: &Rig) -> anyhow::Result<Readings> {
-    Readings::load(table, rig).context("nothing identified, nothing written")
 }
 
 /// From flights that are known to be nominal

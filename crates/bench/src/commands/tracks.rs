@@ -40,6 +40,11 @@ fn altitude(text: &str) -> Result<f64, String> {
 }
 
 impl Selection {
+    /// These flights, all of them and all of each.
+    pub fn whole(flights: Vec<PathBuf>) -> Self {
+        Self { flights, above: None, without: Vec::new() }
+    }
+
     /// What was asked for beside the flights, as on the command line.
     pub fn options(&self) -> String {
         let above = self.above.map(|above_m| format!(" --above {above_m}"));

@@ -77,7 +77,7 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
         let rig = arguments.folder.join(case).join("rig.toml");
         let flights: Vec<PathBuf> =
             seal.flights(case).iter().map(|file| arguments.folder.join(file)).collect();
-        let answer = or_failed(|| blind_answer::diagnosed(&rig, &flights));
+        let answer = or_failed(|| blind_answer::diagnosed(&rig, flights));
         unfinished.lock().unwrap_or_else(PoisonError::into_inner).keep(case, answer)?;
         bar.inc(1);
         Ok(())
@@ -120,7 +120,7 @@ fn or_failed(answer: impl FnOnce() -> anyhow::Result<Answer>) -> Answer {
     // Nothing that a panic left half done is looked at again.
     let reason = match catch_unwind(AssertUnwindSafe(answer)) {
         Ok(Ok(answer)) => return answer,
-        Ok(Err(error)) => format!("{error:#}"),
+        Ok(Err(error)) => words::causes(&error),
         Err(panic) => format!("panicked: {}", message(panic.as_ref())),
     };
     Answer { note: Some(reason), ..Answer::bare(Verdict::Failed) }

@@ -1,15 +1,15 @@
 //! The ground effect from a balance.
 
-use std::{fmt::Write as _, path::PathBuf};
+use std::fmt::Write as _;
 
 use anyhow::Context;
 use bench_identification::{GroundIdentification, identify_ground_effect};
 use clap::Args;
 
-use super::{Balance, grams, readings, refused_in_words};
+use super::{Balance, grams, refused_in_words};
 use crate::{
     exit::Exit,
-    files, model_page,
+    model_page,
     words::{self, short, with_sigma},
 };
 
@@ -24,60 +24,31 @@ where several levels were read. Each throttle gets a free thrust of its own; som
 The linear law is held against the exponential one and Cheeseman and Bennett's by their evidence.
 docs/model-development.md has the way of working and the equations.")]
 pub struct GroundArguments {
-    /// Table of readings, CSV
-    readings: PathBuf,
-    /// Rig to begin with, its thrust identified
-    #[arg(long)]
-    rig: PathBuf,
-    /// Rig to write, the airframe in it
-    #[arg(short, long)]
-    output: PathBuf,
+    #[command(flatten)]
+    balance: Balance,
     /// Where the readings prefer another law than the linear one, add the exponential one to the rig as the effect
     /// ground-effect-shape
     #[arg(long)]
     with_shape: bool,
-    #[command(flatten)]
-    balance: Balance,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.identification.ground-effect/1)
-    #[arg(long)]
-    json: bool,
-    /// Also write a page with the plot
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
 }
 
 pub fn run(arguments: &GroundArguments) -> anyhow::Result<Exit> {
-    files::may_write(&arguments.output, arguments.force)?;
-    let rig = files::rig(&arguments.rig)?;
-    let options = arguments.balance.options()?;
-    let table = readings(&arguments.readings, &rig)?;
-    let found = identify_ground_effect(&table, &rig, &options, arguments.with_shape)
-        .with_context(|| format!("{}: nothing identified, nothing written", arguments.readings.display()))?;
+    let balance = &arguments.balance;
+    let (rig, readings) = balance.begin()?;
+    let found = identify_ground_effect(&readings, &rig, &balance.options()?, arguments.with_shape)
+        .with_context(|| balance.nothing())?;
     let head = format!(
         "ground effect by `bench identify ground-effect` from {} of {},\n# the rest from {}.",
         words::count(found.points.iter().filter(|point| point.used).count() as u64, "reading"),
-        arguments.readings.display(),
-        arguments.rig.display(),
+        balance.readings.display(),
+        balance.rig.display(),
     );
-    files::write_rig(&arguments.output, &head, &found.rig)?;
-    if arguments.json {
-        words::print_json(&found)?;
-    } else {
-        words::print(&in_words(&found, arguments))?;
-    }
-    if let Some(page) = &arguments.html {
-        files::write(page, &model_page::ground(&found, &rig))?;
-        eprintln!("wrote {}", page.display());
-    }
-    Ok(Exit::Done)
+    balance.end((&found.rig, &head), &found, &in_words(&found, balance), || model_page::ground(&found, &rig))
 }
 
-fn in_words(found: &GroundIdentification, arguments: &GroundArguments) -> String {
+fn in_words(found: &GroundIdentification, balance: &Balance) -> String {
     let mut out =
-        format!("{}: ground effect from {}\n\n", arguments.output.display(), arguments.readings.display());
+        format!("{}: ground effect from {}\n\n", balance.output.display(), balance.readings.display());
     // Writing to a String cannot fail, here and below.
     let _ = writeln!(out, "  {:<26} {:>18} {:>18}   95 %", "", "before", "after");
     for (number, unit) in found.numbers.iter().zip(["", ", m"]) {

@@ -1,16 +1,16 @@
 //! Gain and offset from a balance.
 
-use std::{fmt::Write as _, path::PathBuf};
+use std::fmt::Write as _;
 
 use anyhow::Context;
-use bench_identification::{ThrustIdentification, identify_thrust};
+use bench_identification::{ThrustIdentification, ThrustOptions, identify_thrust};
 use bench_rig::Rig;
 use clap::Args;
 
-use super::{Balance, grams, readings, refused_in_words};
+use super::{Balance, grams, refused_in_words};
 use crate::{
     exit::Exit,
-    files, model_page,
+    model_page,
     words::{self, short, with_sigma},
 };
 
@@ -25,41 +25,21 @@ battery where several levels were read. The paper's rig hangs the airframe from 
 weight to take off. Next comes `bench identify ground-effect` with the rig that this one writes.
 docs/model-development.md has the way of working and the equations.")]
 pub struct ThrustArguments {
-    /// Table of readings, CSV
-    readings: PathBuf,
-    /// Rig to begin with
-    #[arg(long)]
-    rig: PathBuf,
-    /// Rig to write, the airframe in it
-    #[arg(short, long)]
-    output: PathBuf,
+    #[command(flatten)]
+    balance: Balance,
     /// Lowest throttle of the line
     #[arg(long, value_name = "THROTTLE")]
     from: Option<f64>,
     /// Highest throttle of the line
     #[arg(long, value_name = "THROTTLE")]
     to: Option<f64>,
-    #[command(flatten)]
-    balance: Balance,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.identification.thrust/1)
-    #[arg(long)]
-    json: bool,
-    /// Also write a page with the plot
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
 }
 
 pub fn run(arguments: &ThrustArguments) -> anyhow::Result<Exit> {
-    files::may_write(&arguments.output, arguments.force)?;
-    let rig = files::rig(&arguments.rig)?;
-    let mut options = arguments.balance.options()?;
-    (options.from, options.to) = (arguments.from, arguments.to);
-    let table = readings(&arguments.readings, &rig)?;
-    let found = identify_thrust(&table, &rig, &options)
-        .with_context(|| format!("{}: nothing identified, nothing written", arguments.readings.display()))?;
+    let balance = &arguments.balance;
+    let (rig, readings) = balance.begin()?;
+    let options = ThrustOptions { from: arguments.from, to: arguments.to, ..balance.options()? };
+    let found = identify_thrust(&readings, &rig, &options).with_context(|| balance.nothing())?;
     let levels = match found.levels.as_slice() {
         [_] => String::new(),
         levels => format!(" at {} battery levels", levels.len()),
@@ -67,25 +47,17 @@ pub fn run(arguments: &ThrustArguments) -> anyhow::Result<Exit> {
     let head = format!(
         "gain and offset by `bench identify thrust` from {} of {}{levels},\n# the rest from {}. A sigma covers the spread between levels.",
         words::count(found.levels.iter().map(|level| level.readings as u64).sum(), "reading"),
-        arguments.readings.display(),
-        arguments.rig.display(),
+        balance.readings.display(),
+        balance.rig.display(),
     );
-    files::write_rig(&arguments.output, &head, &found.rig)?;
-    if arguments.json {
-        words::print_json(&found)?;
-    } else {
-        words::print(&in_words(&found, arguments, &rig))?;
-    }
-    if let Some(page) = &arguments.html {
-        files::write(page, &model_page::thrust(&found, &rig))?;
-        eprintln!("wrote {}", page.display());
-    }
-    Ok(Exit::Done)
+    balance.end((&found.rig, &head), &found, &in_words(&found, balance, &rig), || {
+        model_page::thrust(&found, &rig)
+    })
 }
 
-fn in_words(found: &ThrustIdentification, arguments: &ThrustArguments, rig: &Rig) -> String {
+fn in_words(found: &ThrustIdentification, balance: &Balance, rig: &Rig) -> String {
     let unit = found.throttle_unit;
-    let mut out = format!("{}: thrust from {}\n\n", arguments.output.display(), arguments.readings.display());
+    let mut out = format!("{}: thrust from {}\n\n", balance.output.display(), balance.readings.display());
     // Writing to a String cannot fail, here and below.
     let _ = writeln!(out, "  {:<22} {:>20} {:>20}   95 % of the mean over levels", "", "before", "after");
     let units = [format!("N/{unit}"), unit.to_owned(), unit.to_owned()];
