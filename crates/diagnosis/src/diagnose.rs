@@ -17,6 +17,7 @@ use crate::{
     search::{Search, fitted_effects},
     smooth::{Trace, traces},
     stage::{StageShare, stages},
+    track::Track,
     weigh::{Grounds, Hypothesis, Weighed},
 };
 
@@ -218,11 +219,21 @@ const SET_PROBABILITY: f64 = 0.9;
 impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
+        let direct = direct(problem.tracks, problem.rig);
+        // Pins that are known not to hold what they were told are believed as they were read, noise and all.
+        let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
+            let mut tracks = problem.tracks.to_vec();
+            for track in &mut tracks {
+                track.at_pins(|input, pin| input.throttle = pin.readback);
+            }
+            tracks
+        });
+        let tracks = read.as_deref().unwrap_or(problem.tracks);
+        let problem = &Problem { tracks, nominal: problem.nominal.clone(), ..*problem };
         let levelled = problem.levelled();
         let tracks = levelled.as_deref().unwrap_or(problem.tracks);
         let problem = &Problem { tracks, nominal: problem.nominal.clone(), ..*problem };
         let search = Search::of(problem);
-        let direct = direct(problem.tracks, problem.rig);
         let weighed = Weighed::of(problem, &search, &direct, calibration);
         let null = &search.fits[0];
         let candidates = candidates(&weighed, &search, &direct);
@@ -232,8 +243,10 @@ impl Diagnosis {
             "unknown" => Verdict::Unknown,
             _ => Verdict::Effect,
         };
-        // The best that has a fit of its own stands for "with the effect".
-        let best = &search.fits[weighed.hypotheses[0].fit];
+        // What is named, or else the best that has a fit of its own, stands for "with the effect".
+        let named =
+            weighed.hypotheses.iter().find(|h| verdict == Verdict::Effect && h.names() == top.effects);
+        let best = &search.fits[named.unwrap_or(&weighed.hypotheses[0]).fit];
         let group = if verdict == Verdict::Effect { group(problem, null, best) } else { Vec::new() };
         let mut told = 0.0;
         let set = candidates
@@ -350,7 +363,7 @@ fn candidates(weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candid
 }
 
 fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct) -> Candidate {
-    let effects: Vec<&'static str> = h.effects.iter().map(|index| LIBRARY[*index].name).collect();
+    let effects = h.names();
     let fit = &search.fits[h.fit];
     let mut parameters: Vec<ParameterValue> = fit
         .effect_parameters(INTERVAL_SIGMAS, FORM_SIGMA)

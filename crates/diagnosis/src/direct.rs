@@ -22,6 +22,13 @@ pub struct Direct {
     pub findings: Vec<Finding>,
 }
 
+impl Direct {
+    /// Whether the readback says that pins do not hold what they were told.
+    pub fn doubts_pins(&self) -> bool {
+        self.unexplained_pins > 0.0 || self.effects.iter().any(|found| found.channel == "readback")
+    }
+}
+
 /// An effect that a direct channel speaks for.
 #[derive(Clone, Debug)]
 pub struct DirectEffect {
@@ -70,6 +77,9 @@ const CAP: f64 = 30.0;
 const LAW_COST: f64 = 8.0;
 /// Share of its gain that a law of another form may leave unexplained.
 const FORM_SHARE: f64 = 0.3;
+/// Fewest flights whose scales are compared, and nats that each one's costs.
+const LEAST_FLIGHTS: usize = 3;
+const SCALE_COST: f64 = 3.0;
 /// Fewest neighbours under the same command that show the readback's noise.
 const LEAST_NEIGHBOURS: usize = 10;
 /// Median of a normal's magnitude over its deviation.
@@ -105,6 +115,16 @@ struct PinLaw {
     /// Half the squared residuals, capped, in sigmas.
     excess: f64,
     values: Vec<f64>,
+}
+
+/// What scales that differ between flights explain.
+struct Scales {
+    /// Half the squared residuals, capped, in sigmas.
+    excess: f64,
+    /// Gain over one scale, nats.
+    gain: f64,
+    /// Between the largest and the smallest.
+    spread: f64,
 }
 
 struct PinChannel<'a> {
@@ -181,6 +201,34 @@ impl PinChannel<'_> {
             }
         }
         best
+    }
+
+    /// A scale of its own in each flight, as of a reference that drifts. `None` where flights are too few to differ.
+    fn scales(&self) -> Option<Scales> {
+        if self.flights.len() < LEAST_FLIGHTS {
+            return None;
+        }
+        let min = self.rig.airframe.sticks.min;
+        let scale = |pins: &[Pin]| {
+            let above = pins.iter().filter(|pin| pin.commanded > min);
+            median(above.map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())
+        };
+        let excess = |pins: &[Pin], scale: f64| {
+            let sizes = pins.iter().map(|pin| {
+                let e = (pin.readback - min - scale * (pin.commanded - min)) / self.sigma;
+                (0.5 * e * e).min(CAP)
+            });
+            sizes.sum::<f64>()
+        };
+        let shared = scale(&self.flights.concat())?;
+        let (mut gain, mut left, mut range) = (-LAW_COST, 0.0, (shared, shared));
+        for pins in &self.flights {
+            let own = scale(pins).unwrap_or(shared);
+            left += excess(pins, own);
+            gain += excess(pins, shared) - excess(pins, own) - SCALE_COST;
+            range = (range.0.min(own), range.1.max(own));
+        }
+        Some(Scales { excess: left, gain, spread: range.1 - range.0 })
     }
 
     /// Coarse steps from rest, rounded or cut.
@@ -325,6 +373,18 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     // The noise is itself estimated from these readbacks, the fewer the worse.
     let readbacks = all.len() as f64;
     let floor = (1.15 + 5.0 / readbacks.sqrt()) * 0.5 * readbacks + 10.0;
+    // No law of the library changes a scale. Where that leaves but noise, no law of the library is asked for more.
+    if let Some(scales) = channel.scales().filter(|scales| scales.gain > 0.0 && scales.excess < floor) {
+        out.findings.push(Finding {
+            channel: "readback",
+            text: format!(
+                "the scale of readback over command differs between flights by up to {:.2} %",
+                100.0 * scales.spread
+            ),
+        });
+        out.unexplained_pins = scales.gain.min(MOST_DIRECT);
+        return;
+    }
     if ordinary - floor < LAW_COST {
         return;
     }

@@ -125,14 +125,19 @@ impl Free {
 pub(crate) const SIGHTING_SIGMA_LN: f64 = 0.05;
 /// Calm air is ordinary, strong wind is not.
 const CALM_SIGMA_LN: f64 = 1.0;
-const WINDY_SIGMA_LN: f64 = 0.4;
+const WINDY_FROM_LN: f64 = 0.5;
+const WINDY_SIGMA_LN: f64 = 0.2;
 /// Memories of turbulence that are tried, s.
 const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
 const TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 
 /// How far the logarithm of a turbulence over the usual lies from it, in sigmas.
 fn turbulence_sigmas(ln_ratio: f64) -> f64 {
-    ln_ratio / if ln_ratio > 0.0 { WINDY_SIGMA_LN } else { CALM_SIGMA_LN }
+    if ln_ratio < 0.0 {
+        ln_ratio / CALM_SIGMA_LN
+    } else {
+        (ln_ratio - WINDY_FROM_LN).max(0.0) / WINDY_SIGMA_LN
+    }
 }
 const MAX_PASSES: usize = 14;
 /// A step that promises less, in nats, is not worth a pass.
@@ -179,6 +184,8 @@ impl<'a> Problem<'a> {
             outlier_probability: rig.disturbance.outlier_probability.unwrap_or(0.0),
             outlier_m: rig.disturbance.outlier_m.unwrap_or(0.0),
             stale_probability: 0.0,
+            velocity_m_s: rig.disturbance.velocity_noise_m_s.unwrap_or(0.0),
+            acceleration_m_s2: rig.disturbance.acceleration_noise_m_s2.unwrap_or(0.0),
         };
         Self { tracks, rig, nominal, sigma, noise }
     }

@@ -184,7 +184,8 @@ fn sums(passes: &[TrackPass; 3]) -> Sums {
     let right = &passes[2].innovations;
     Sums {
         sightings: right.len() as f64,
-        nll: [0, 1, 2].map(|k| passes[k].nll),
+        // Of sightings alone: what was felt on board is another unit.
+        nll: [0, 1, 2].map(|k| passes[k].innovations.iter().map(|i| i.nll).sum()),
         floor: right.iter().map(|i| 0.5 + 0.5 * i.variance_m2.ln()).sum(),
         predictions: [0, 1, 2].map(|k| passes[k].predictions.map(|(sum, n)| (sum, f64::from(n)))),
     }

@@ -119,7 +119,7 @@ pub enum NextFlightError {
 }
 
 /// Probability beyond which the first hypothesis needs no rival.
-const SURE: f64 = 0.8;
+const SURE: f64 = 0.7;
 /// A rival this much less probable is not close.
 const CLOSE: f64 = 0.05;
 /// So many nats leave no doubt; more are not told, since linearised they are far off, and count next to nothing.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::{
     law::{Coordinate, Law, Point},
     smooth::Knot,
-    track::{Sighting, Track, held},
+    track::{Felt, Sighting, Track, held},
 };
 
 /// What disturbs the model, and what blurs the tracker.
@@ -33,6 +33,10 @@ pub struct Noise {
     pub outlier_m: f64,
     /// Share of iterations whose sighting is that of the iteration before, in logs that hold the newest frame.
     pub stale_probability: f64,
+    /// One sigma of the vertical speed felt on board, m/s; 0 where it is not used.
+    pub velocity_m_s: f64,
+    /// The same of the acceleration, m/s^2.
+    pub acceleration_m_s2: f64,
 }
 
 impl Noise {
@@ -292,6 +296,8 @@ struct Filter {
     probes: Vec<Probe>,
     forks: Vec<Fork>,
     standing: bool,
+    /// Whether the last sighting counted.
+    counting: bool,
     last_z_m: Option<f64>,
     step_m: f64,
     /// Whether the airframe is carried, and where and when it was last seen so.
@@ -396,6 +402,7 @@ impl Filter {
             probes: if directions.is_empty() { Vec::new() } else { Probe::around(&noise).to_vec() },
             forks: Vec::new(),
             standing: true,
+            counting: false,
             last_z_m: None,
             step_m: rig.tracker.resolution_m.max(1e-4),
             carried: false,
@@ -419,12 +426,15 @@ impl Filter {
             self.hold_twins(AT_REST_S, throttle);
         }
         let late = self.law.latency_s - rig.tracker.latency_s.value;
+        // The smoother knows of sightings alone.
+        let feels = self.noise.velocity_m_s.max(self.noise.acceleration_m_s2) > 0.0 && self.knots.is_none();
+        let mut felt = if feels { track.felt.as_slice() } else { &[] };
         for sighting in &track.sightings {
             self.carried = sighting.carried;
             let at = sighting.exposed_s - late;
             while now < at {
                 let edge = track.inputs.get(input + 1).map_or(f64::INFINITY, |next| next.time_s);
-                let until = at.min(edge);
+                let until = at.min(edge).min(felt.first().map_or(f64::INFINITY, |felt| felt.time_s.max(now)));
                 let throttle = track.inputs[input].throttle;
                 self.look_at_channels(track, now);
                 let steps = ((until - now) / STEP_S).ceil().max(1.0);
@@ -437,6 +447,10 @@ impl Filter {
                 now = until;
                 if until == edge {
                     input += 1;
+                }
+                while let Some((first, rest)) = felt.split_first().filter(|(first, _)| first.time_s <= now) {
+                    self.feel(first);
+                    felt = rest;
                 }
             }
             if self.carried {
@@ -487,8 +501,7 @@ impl Filter {
                 p[1][1] += LIFT_OFF_M_S * LIFT_OFF_M_S;
             }
         }
-        let az = (self.law.acceleration_m_s2(z + DZ, v) - self.law.acceleration_m_s2(z - DZ, v)) / (2.0 * DZ);
-        let av = (self.law.acceleration_m_s2(z, v + DV) - a0) / DV;
+        let (az, av) = self.slopes(a0);
         let a = a0 + b + w;
         let jerk = az * v + av * a;
         let mut z1 = z + h * (v + h * (a / 2.0 + h * jerk / 6.0));
@@ -662,17 +675,9 @@ impl Filter {
         }
         self.last_z_m = Some(sighting.z_m);
         let (nll, s, weight) = seen.score(&self.p, &self.noise, residual);
+        self.counting = sighting.counts;
         if sighting.counts {
-            self.pass.nll += nll;
-            let mut first = 0;
-            for (i, slope) in self.row.iter().enumerate() {
-                let weighted = weight * slope / s;
-                self.pass.gradient[i] += weighted * residual;
-                for (sum, other) in self.lower[first..=first + i].iter_mut().zip(&self.row) {
-                    *sum += weighted * other;
-                }
-                first += i + 1;
-            }
+            self.tally(residual, nll, s, weight);
             let axes = self.axes();
             self.pass.innovations.push(Innovation {
                 exposed_s: sighting.exposed_s,
@@ -697,30 +702,10 @@ impl Filter {
         self.predict(sighting, residual, factor);
         let predicted = (self.x, self.p);
         let k = learn(&mut self.p, factor, s, weight);
-        for (x, k) in self.x.iter_mut().zip(k) {
-            *x += k * residual;
-        }
-        for probe in &mut self.probes {
-            for (x, k) in probe.aside.iter_mut().zip(k) {
-                *x -= k * residual;
-            }
-        }
-        for fork in &mut self.forks {
-            for (x, k) in fork.aside.iter_mut().zip(k) {
-                *x -= k * residual;
-            }
-        }
+        self.moved(k, residual);
         if sighting.counts && sighting.exposed_s >= self.next_fork_s {
             self.forks.push(Fork { begin_s: sighting.exposed_s, aside: [0.0; 4], passed: 0 });
             self.next_fork_s = sighting.exposed_s + FORK_EVERY_S;
-        }
-        for (twin, out) in self.twins.iter_mut().zip(&self.row) {
-            for (sensitivity, k) in twin.sensitivity.iter_mut().zip(k) {
-                *sensitivity -= k * out;
-            }
-        }
-        if self.x[0] < 0.0 {
-            self.x[0] = 0.0;
         }
         if let Some((knots, since)) = &mut self.knots {
             knots.push(Knot {
@@ -736,6 +721,95 @@ impl Filter {
 }
 
 impl Filter {
+    /// Adds an innovation, whose slopes are in `row`, to likelihood, gradient and information.
+    fn tally(&mut self, residual: f64, nll: f64, s: f64, weight: f64) {
+        self.pass.nll += nll;
+        let mut first = 0;
+        for (i, slope) in self.row.iter().enumerate() {
+            let weighted = weight * slope / s;
+            self.pass.gradient[i] += weighted * residual;
+            for (sum, other) in self.lower[first..=first + i].iter_mut().zip(&self.row) {
+                *sum += weighted * other;
+            }
+            first += i + 1;
+        }
+    }
+
+    /// Moves the state by a gain times a residual; all that is told against the state moves the other way.
+    fn moved(&mut self, k: State, residual: f64) {
+        for (x, k) in self.x.iter_mut().zip(k) {
+            *x += k * residual;
+        }
+        let asides = self.probes.iter_mut().map(|probe| &mut probe.aside);
+        for aside in asides.chain(self.forks.iter_mut().map(|fork| &mut fork.aside)) {
+            for (x, k) in aside.iter_mut().zip(k) {
+                *x -= k * residual;
+            }
+        }
+        for (twin, out) in self.twins.iter_mut().zip(&self.row) {
+            for (sensitivity, k) in twin.sensitivity.iter_mut().zip(k) {
+                *sensitivity -= k * out;
+            }
+        }
+        if self.x[0] < 0.0 {
+            self.x[0] = 0.0;
+        }
+    }
+
+    /// Holds what was felt on board against its prediction and learns from it, where a sighting would count.
+    fn feel(&mut self, felt: &Felt) {
+        if self.standing || self.carried || !self.counting {
+            return;
+        }
+        if let Some(velocity) = felt.velocity_m_s.filter(|_| self.noise.velocity_m_s > 0.0) {
+            for (twin, out) in self.twins.iter().zip(&mut self.row) {
+                *out = twin.sensitivity[1];
+            }
+            self.take(velocity - self.x[1], [0.0, 1.0, 0.0, 0.0], self.noise.velocity_m_s);
+        }
+        if let Some(acceleration) = felt.acceleration_m_s2.filter(|_| self.noise.acceleration_m_s2 > 0.0) {
+            let [z, v, b, w] = self.x;
+            let force = self.law.acceleration_m_s2(z, v);
+            let (az, av) = self.slopes(force);
+            let axes = self.axes();
+            for (twin, out) in self.twins.iter().zip(&mut self.row) {
+                let push = match &twin.source {
+                    Source::Law(law, inverse_step) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
+                    Source::Hat(hat) => hat.at(axes[hat.axis as usize]),
+                    Source::Wave(rad_s, phase) => (rad_s * self.around.elapsed_s + phase).sin(),
+                    Source::Seen(_) => 0.0,
+                };
+                let [dz, dv, db, dw] = twin.sensitivity;
+                *out = push + az * dz + av * dv + db + dw;
+            }
+            self.take(acceleration - (force + b + w), [az, av, 1.0, 1.0], self.noise.acceleration_m_s2);
+        }
+    }
+
+    /// Takes a measurement with slopes `h` by the state, and those by the directions in `row`.
+    fn take(&mut self, residual: f64, h: State, sigma: f64) {
+        let (nll, s, weight) = bounded(residual, spread_of(&self.p, &h) + sigma * sigma);
+        self.tally(residual, nll, s, weight);
+        for (probe, sum) in self.probes.iter_mut().zip(&mut self.pass.noise_nll) {
+            let own = residual - h.iter().zip(&probe.aside).map(|(h, x)| h * x).sum::<f64>();
+            let (nll, s, weight) = bounded(own, spread_of(&probe.p, &h) + sigma * sigma);
+            *sum += nll;
+            let k = learn_along(&mut probe.p, &h, s, weight);
+            for (x, k) in probe.aside.iter_mut().zip(k) {
+                *x += k * own;
+            }
+        }
+        let k = learn_along(&mut self.p, &h, s, weight);
+        self.moved(k, residual);
+    }
+
+    /// Slopes of the law's acceleration by altitude and speed, about the state, where it is `force`.
+    fn slopes(&self, force: f64) -> (f64, f64) {
+        let [z, v, ..] = self.x;
+        let at = |z: f64, v: f64| self.law.acceleration_m_s2(z, v);
+        ((at(z + DZ, v) - at(z - DZ, v)) / (2.0 * DZ), (at(z, v + DV) - force) / DV)
+    }
+
     /// Holds a sighting against the predictions under way.
     fn predict(&mut self, sighting: &Sighting, residual: f64, factor: f64) {
         for fork in &mut self.forks {
@@ -853,13 +927,39 @@ impl Sight {
             // As without, but for the constant that all others leave out.
             return (-total.ln() - 0.5 * std::f64::consts::TAU.ln(), s, fresh / total);
         }
-        if u2 <= HUBER * HUBER {
-            (0.5 * u2 + 0.5 * s.ln(), s, 1.0)
-        } else {
-            let u = u2.sqrt();
-            (HUBER * u - 0.5 * HUBER * HUBER + 0.5 * s.ln(), s, HUBER / u)
+        bounded(residual, s)
+    }
+}
+
+/// Negative log-likelihood of an innovation of variance `s`, that variance, and its weight: normal, and beyond a few sigma
+/// linear (Huber).
+#[inline]
+fn bounded(residual: f64, s: f64) -> (f64, f64, f64) {
+    let u2 = residual * residual / s;
+    if u2 <= HUBER * HUBER {
+        (0.5 * u2 + 0.5 * s.ln(), s, 1.0)
+    } else {
+        let u = u2.sqrt();
+        (HUBER * u - 0.5 * HUBER * HUBER + 0.5 * s.ln(), s, HUBER / u)
+    }
+}
+
+/// Variance of a measurement with slopes `h` by the state.
+fn spread_of(p: &Covariance, h: &State) -> f64 {
+    let along = |row: &State| row.iter().zip(h).map(|(p, h)| p * h).sum::<f64>();
+    p.iter().zip(h).map(|(row, h)| h * along(row)).sum()
+}
+
+/// Takes a measurement with slopes `h` by the state into a covariance; the gain.
+fn learn_along(p: &mut Covariance, h: &State, s: f64, weight: f64) -> State {
+    let ph = p.map(|row| row.iter().zip(h).map(|(p, h)| p * h).sum::<f64>());
+    let k = ph.map(|ph| ph / s * weight);
+    for (row, k) in p.iter_mut().zip(k) {
+        for (p, ph) in row.iter_mut().zip(ph) {
+            *p -= k * ph;
         }
     }
+    k
 }
 
 /// Takes a sighting into a covariance; the gain.

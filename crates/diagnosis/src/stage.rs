@@ -160,15 +160,10 @@ fn as_scheduled(track: &mut Track) {
 }
 
 fn as_commanded(track: &mut Track) {
-    let pins = track.pins.clone();
-    let mut pins = pins.iter().peekable();
-    for input in &mut track.inputs {
-        while pins.next_if(|pin| pin.time_s < input.time_s).is_some() {}
-        if let Some(pin) = pins.next_if(|pin| pin.time_s == input.time_s) {
-            input.throttle = pin.commanded;
-            input.time_s -= pin.delay_s;
-        }
-    }
+    track.at_pins(|input, pin| {
+        input.throttle = pin.commanded;
+        input.time_s -= pin.delay_s;
+    });
 }
 
 fn as_believed(track: &mut Track) {

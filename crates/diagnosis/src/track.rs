@@ -69,12 +69,25 @@ pub struct Track {
     pub voltage: Vec<(f64, f64)>,
     /// Mean square speed of the rotors from each instant, s, on, rad^2/s^2; empty where it was not measured.
     pub rotor: Vec<(f64, f64)>,
+    /// What was felt on board in flight, at most once a frame, times rising.
+    pub felt: Vec<Felt>,
     /// How many frames came, as far as frames have a clock.
     pub frames_told: usize,
     /// Lengths of gaps between them, frames.
     pub bursts: Vec<usize>,
     /// How much later than a regular clock frames arrived, s.
     pub waits_s: Vec<f64>,
+}
+
+/// Vertical motion as it was measured on board.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Felt {
+    /// When, s.
+    pub time_s: f64,
+    /// Speed, m/s.
+    pub velocity_m_s: Option<f64>,
+    /// Acceleration, zero at rest, m/s^2.
+    pub acceleration_m_s2: Option<f64>,
 }
 
 /// One iteration's throttle, in units of the actuation.
@@ -225,6 +238,7 @@ impl Track {
             tilt: tilt(flight),
             voltage: voltage(flight),
             rotor: rotor(flight),
+            felt: felt(flight, begin_s, end_s, rig.tracker.frame_period_s),
             frames_told,
             bursts,
             waits_s,
@@ -259,6 +273,17 @@ impl Track {
             }
         }
         self.check()
+    }
+
+    /// Changes each input that a pin was read for.
+    pub(crate) fn at_pins(&mut self, change: impl Fn(&mut Input, &Pin)) {
+        let mut pins = self.pins.iter().peekable();
+        for input in &mut self.inputs {
+            while pins.next_if(|pin| pin.time_s < input.time_s).is_some() {}
+            if let Some(pin) = pins.next_if(|pin| pin.time_s == input.time_s) {
+                change(input, pin);
+            }
+        }
     }
 
     fn check(self) -> Result<Self, TrackError> {
@@ -405,6 +430,39 @@ fn rotor(flight: &Flight) -> Vec<(f64, f64)> {
         (!speeds.is_empty()).then(|| (rotor.time.seconds(), square))
     });
     measured.collect()
+}
+
+/// So many readings at rest tell what an accelerometer shows there.
+const LEAST_AT_REST: usize = 10;
+
+fn felt(flight: &Flight, begin_s: f64, end_s: f64, period_s: f64) -> Vec<Felt> {
+    let mut all: Vec<Felt> = flight
+        .motion
+        .iter()
+        .map(|motion| Felt {
+            time_s: motion.time.seconds(),
+            velocity_m_s: motion.velocity_m_s[2].filter(|x| x.is_finite()),
+            acceleration_m_s2: motion.vertical_acceleration_m_s2.filter(|x| x.is_finite()),
+        })
+        .filter(|felt| felt.time_s <= end_s && (felt.velocity_m_s, felt.acceleration_m_s2) != (None, None))
+        .collect();
+    let flying = all.partition_point(|felt| felt.time_s < begin_s);
+    let mut at_rest: Vec<f64> = all[..flying].iter().filter_map(|felt| felt.acceleration_m_s2).collect();
+    at_rest.sort_by(f64::total_cmp);
+    let zero = if at_rest.len() < LEAST_AT_REST { 0.0 } else { at_rest[at_rest.len() / 2] };
+    let mut next_s = f64::MIN;
+    all.drain(..flying);
+    all.retain(|felt| {
+        let due = felt.time_s >= next_s;
+        if due {
+            next_s = felt.time_s + DUE * period_s;
+        }
+        due
+    });
+    for felt in &mut all {
+        felt.acceleration_m_s2 = felt.acceleration_m_s2.map(|x| x - zero);
+    }
+    all
 }
 
 /// How late each command's iteration started, against the median.

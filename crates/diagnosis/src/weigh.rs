@@ -18,10 +18,12 @@ use crate::{
 /// gap counts as unexplained, and this share of the winner's own gain.
 const FORGIVEN_NATS: f64 = 9.0;
 const FORGIVEN_SHARE: f64 = 0.2;
-/// Forgiven where nothing is named: flights without an effect leave next to nothing.
+/// Forgiven where nothing is named: flights without an effect leave next to nothing,
 const FORGIVEN_NONE_NATS: f64 = 3.5;
+/// unless their noise was seen to differ from flight to flight: what is not the model's noise differs with it.
+const FORGIVEN_NONE_UNEVEN_NATS: f64 = 7.0;
 /// Forgiven of pushes that come now and then: nominal flights reach it.
-const FORGIVEN_PULSES_NATS: f64 = 14.0;
+const FORGIVEN_PULSES_NATS: f64 = 18.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
 const SECOND_LAW: (f64, f64) = (4.0, 0.105);
@@ -47,6 +49,9 @@ const FORM_OF_GAIN: f64 = 0.25;
 const FORM_BELIEVED: f64 = 0.7;
 /// So much of its gain may lie along an effect's own quantities without being called unknown.
 const FORM_LEFT_OF_GAIN: f64 = 0.4;
+/// A law over thrust alone, of which flights see a small range, is smooth there: both shares are less.
+const SMOOTH: &str = "thrust-curve";
+const SMOOTH_LEFT_OF_GAIN: f64 = 0.1;
 
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
@@ -64,6 +69,13 @@ pub struct Hypothesis {
     pub grounds: Grounds,
     /// What a second effect must gain before it counts.
     forgiven: f64,
+}
+
+impl Hypothesis {
+    /// The effects' names.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.effects.iter().map(|index| LIBRARY[*index].name).collect()
+    }
 }
 
 /// What speaks for a hypothesis, and what its laws leave, nats.
@@ -126,7 +138,8 @@ impl Weighed {
             if best.fit == 0 { waves_on_null.clone() } else { waves(problem, &search.fits[best.fit]) };
         let pulses = pulses(problem, &search.fits[best.fit]);
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
-        let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct);
+        let forgiven_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
+        let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct, forgiven_none);
         let beyond = pulses - forgiven_pulses(best);
         if beyond > 0.0 {
             left = left.max(beyond);
@@ -150,7 +163,17 @@ impl Weighed {
             .zip(doubted)
             .map(|(p, q)| (1.0 - doubt) * p + doubt * q)
             .collect();
+        if let Some(none) = hypotheses.iter().position(|h| h.effects.is_empty() && !uneven(problem)) {
+            let before = probabilities[none];
+            let after = calibration.none(before);
+            let rest = (1.0 - after) / (1.0 - before).max(1e-12);
+            for probability in &mut probabilities {
+                *probability *= rest;
+            }
+            probabilities[none] = after;
+        }
         let unknown = probabilities.pop().unwrap_or(0.0);
+        hide_seconds(&mut hypotheses, &mut probabilities, calibration.hidden_second);
         Self {
             hypotheses,
             probabilities,
@@ -164,7 +187,8 @@ impl Weighed {
     }
 }
 
-/// By how much the best hypothesis that names or suspects something outweighs `none`, as a logarithm: for flights known
+/// By how much the weight of `none` must be moved, as a logarithm, for the best hypothesis that names or suspects something
+/// not to outweigh it: for flights known
 /// to be nominal, how near a false alarm was.
 pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
     let search = Search::of(problem);
@@ -177,7 +201,47 @@ pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
             other = other.max(*probability);
         }
     }
-    other.max(1e-300).ln() - none.max(1e-300).ln()
+    let power = if uneven(problem) { 1.0 } else { calibration.none_power };
+    (other.max(1e-300).ln() - none.max(1e-300).ln()) / power
+}
+
+/// Whether flights of this rig were seen to differ in their noise: then what speaks against the nominal model is not exact either.
+fn uneven(problem: &Problem<'_>) -> bool {
+    problem.rig.disturbance.noise_spread_ln.is_some()
+}
+
+/// Singles less probable have no seconds worth telling.
+const LEAST_PROBABLE: f64 = 1e-3;
+
+/// Gives a share of each single effect's probability to its pairs with every other: seconds that are too small to be seen.
+fn hide_seconds(hypotheses: &mut Vec<Hypothesis>, probabilities: &mut Vec<f64>, share: f64) {
+    for i in 0..hypotheses.len() {
+        let &[first] = hypotheses[i].effects.as_slice() else { continue };
+        if probabilities[i] < LEAST_PROBABLE {
+            continue;
+        }
+        let each = share * probabilities[i] / (LIBRARY.len() - 1) as f64;
+        probabilities[i] *= 1.0 - share;
+        for second in (0..LIBRARY.len()).filter(|second| *second != first) {
+            let effects = vec![first, second];
+            if let Some(at) = hypotheses.iter().position(|h| same(&h.effects, &effects)) {
+                probabilities[at] += each;
+                continue;
+            }
+            let Hypothesis { fit, ref direct, gain, .. } = hypotheses[i];
+            let hidden = Hypothesis {
+                effects,
+                fit,
+                direct: direct.clone(),
+                gain,
+                regions: None,
+                grounds: hypotheses[i].grounds,
+                forgiven: 0.0,
+            };
+            hypotheses.push(hidden);
+            probabilities.push(each);
+        }
+    }
 }
 
 /// All hypotheses of at most two effects that were fitted or read.
@@ -296,10 +360,14 @@ fn unexplained(
     on_null: &Regions,
     [wave_on_null, mut wave]: [f64; 2],
     direct: &Direct,
+    forgiven_none: f64,
 ) -> f64 {
     let on_best = best.regions.as_ref().unwrap_or(on_null);
     let gain = best.gain.max(0.0);
-    let mut structure = on_best.ceiling - on_best.form.min(FORM_LEFT_OF_GAIN * gain);
+    let smooth = best.effects.len() == 1 && LIBRARY[best.effects[0]].name == SMOOTH;
+    let form_left = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORM_LEFT_OF_GAIN };
+    let share = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
+    let mut structure = on_best.ceiling - on_best.form.min(form_left * gain);
     let only_gusts = fit.point.effects.len() == 1 && LIBRARY[fit.point.effects[0].0].name == "gusts";
     if only_gusts {
         // Wind has no structure: what a law would have explained, no gust does.
@@ -311,8 +379,7 @@ fn unexplained(
     let tracker = on_best.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
     let structure = if of_tracker { structure } else { structure.max(tracker) };
     let left = structure.max(wave).max(0.7 * (structure + wave));
-    let forgiven =
-        if best.effects.is_empty() { FORGIVEN_NONE_NATS } else { FORGIVEN_NATS + FORGIVEN_SHARE * gain };
+    let forgiven = if best.effects.is_empty() { forgiven_none } else { FORGIVEN_NATS + share * gain };
     let flight = left - forgiven;
     if direct.unexplained_pins > 0.0 { flight.max(0.0) + direct.unexplained_pins } else { flight }
 }

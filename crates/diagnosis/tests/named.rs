@@ -123,6 +123,31 @@ fn what_shows_without_a_model_of_flight_is_named() {
 }
 
 #[test]
+fn readbacks_whose_scale_drifts_from_flight_to_flight_are_no_known_effect() {
+    let rig = rig();
+    let drifting = |per_flight: f64| {
+        let tracks: Vec<Track> = MISSIONS
+            .iter()
+            .zip(1_u8..)
+            .map(|(mission, number)| {
+                let mut track =
+                    Track::from_flight(mission, &fly(&rig, mission, number.into()), &rig).unwrap();
+                for pin in &mut track.pins {
+                    pin.readback *= 1.0 + per_flight * f64::from(number);
+                }
+                track
+            })
+            .collect();
+        Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in())
+    };
+    let said = drifting(0.003);
+    assert_eq!(said.verdict, Verdict::Unknown, "{:#?}", said.candidates);
+    assert!(said.direct.iter().any(|found| found.text.contains("scale")), "{:?}", said.direct);
+    // One scale that is off by less than its noise shows nowhere.
+    assert_eq!(drifting(0.0).verdict, Verdict::None);
+}
+
+#[test]
 fn with_the_effect_written_into_the_rig_the_same_flights_show_none() {
     let nominal = rig();
     let mut real = nominal.clone();

@@ -255,6 +255,9 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
     out.disturbance.outlier_m = Some(noise.outlier_m);
     out.disturbance.trim_m_s2 = Some(noise.trim);
     out.disturbance.trim_walk_m_s2_per_root_s = Some(noise.trim_walk);
+    let felt = |sigma: f64| (sigma > 0.0).then_some(sigma);
+    out.disturbance.velocity_noise_m_s = felt(noise.velocity_m_s);
+    out.disturbance.acceleration_noise_m_s2 = felt(noise.acceleration_m_s2);
 
     let (before, _) = Point::nominal(prior);
     let (after, after_sigma) = Point::nominal(&out);

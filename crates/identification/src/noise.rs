@@ -10,7 +10,7 @@ struct Part {
     range: (f64, f64),
 }
 
-const PARTS: [Part; 9] = [
+const PARTS: [Part; 11] = [
     Part { of: |n| &mut n.acceleration, sigma_ln: 2.0, range: (1e-4, 10.0) },
     Part { of: |n| &mut n.jitter_s, sigma_ln: 1.0, range: (1e-5, 0.1) },
     Part { of: |n| &mut n.outlier_probability, sigma_ln: 1.0, range: (1e-5, 0.2) },
@@ -20,6 +20,8 @@ const PARTS: [Part; 9] = [
     Part { of: |n| &mut n.turbulence_time_s, sigma_ln: 0.8, range: (0.2, 6.0) },
     Part { of: |n| &mut n.trim, sigma_ln: 1.0, range: (1e-3, 20.0) },
     Part { of: |n| &mut n.trim_walk, sigma_ln: 1.0, range: (1e-4, 5.0) },
+    Part { of: |n| &mut n.velocity_m_s, sigma_ln: 1.0, range: (1e-4, 10.0) },
+    Part { of: |n| &mut n.acceleration_m_s2, sigma_ln: 1.0, range: (1e-3, 50.0) },
 ];
 
 const SWEEPS: usize = 8;
@@ -46,8 +48,10 @@ pub fn thought(noise: &Noise) -> Noise {
 /// The most likely noise at a fit, by a search along each of its numbers in turn with parabolas through three points.
 pub fn most_likely(problem: &Problem<'_>, fit: &Fit, thought: &Noise) -> Noise {
     let mut noise = fit.noise;
+    // What is felt on board is used only where the rig says how good it is.
+    let parts: Vec<&Part> = PARTS.iter().filter(|part| *(part.of)(&mut thought.clone()) > 0.0).collect();
     let objective = |noise: &Noise| {
-        let prior: f64 = PARTS
+        let prior: f64 = parts
             .iter()
             .map(|part| {
                 let ratio = *(part.of)(&mut noise.clone()) / *(part.of)(&mut thought.clone());
@@ -57,10 +61,10 @@ pub fn most_likely(problem: &Problem<'_>, fit: &Fit, thought: &Noise) -> Noise {
         prior - problem.log_likelihood(&fit.point, noise)
     };
     let mut best = objective(&noise);
-    let mut steps = [FIRST_STEP; PARTS.len()];
+    let mut steps = vec![FIRST_STEP; parts.len()];
     for _ in 0..SWEEPS {
         let before = best;
-        for (part, h) in PARTS.iter().zip(&mut steps) {
+        for (part, h) in parts.iter().zip(&mut steps) {
             let moved = |ln: f64| {
                 let mut moved = noise;
                 let x = (part.of)(&mut moved);

@@ -7,9 +7,12 @@ use std::path::Path;
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
 use bench_identification::{FlightIdentification, IdentifyError, identify_flights};
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Record, Session};
+use bench_recording::{Flight, Mode, Motion, Record, Session};
 use bench_rig::{Actuation, Mission, Model, Rig, Uncertain};
 use bench_run::simulate;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 
 fn rigs() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
@@ -112,6 +115,34 @@ fn the_tolerance_of_the_hover_covers_flights_that_differ() {
     // Of six draws the deviation is known to a factor of two.
     assert!((0.5 * spread..2.0 * spread).contains(&hover.after.1), "{hover:?}, spread {spread}");
     assert!(hover.standard_error < hover.after.1, "{hover:?}");
+}
+
+#[test]
+fn noise_of_what_is_felt_on_board_is_found_from_a_guess() {
+    let real = virtual_rig();
+    let mut prior = real.clone();
+    let mut flights = fly(&real, 0..3, &MISSIONS);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for flight in &mut flights {
+        let felt = flight.truth.iter().map(|truth| Motion {
+            time: truth.time,
+            velocity_m_s: [
+                None,
+                None,
+                Some(truth.velocity_m_s[2] + 0.03 * rng.sample::<f64, _>(StandardNormal)),
+            ],
+            ..Motion::default()
+        });
+        flight.motion = felt.collect();
+    }
+    let silent = identify_flights(&tracks(&flights, &prior), &prior).unwrap();
+    assert_eq!(silent.rig.disturbance.velocity_noise_m_s, None);
+    prior.disturbance.velocity_noise_m_s = Some(0.1);
+    let found = identify_flights(&tracks(&flights, &prior), &prior).unwrap();
+    // A thousand readings tell a deviation to a few per cent.
+    let noise = found.rig.disturbance.velocity_noise_m_s.unwrap();
+    assert!((noise / 0.03 - 1.0).abs() < 0.15, "{noise}");
+    assert_eq!(found.rig.disturbance.acceleration_noise_m_s2, None);
 }
 
 /// An airframe of another kind of actuation, rate and latency than the virtual one's.

@@ -221,6 +221,10 @@ pub struct Disturbance {
     /// One sigma of the natural logarithm by which noise of tracker and air differs from flight to flight; absent: it
     /// does not.
     pub noise_spread_ln: Option<f64>,
+    /// One sigma of the vertical speed that a recording's motion channel holds, m/s; absent: it is not used.
+    pub velocity_noise_m_s: Option<f64>,
+    /// The same of the vertical acceleration, m/s^2.
+    pub acceleration_noise_m_s2: Option<f64>,
 }
 
 /// When to stop a flight.
@@ -408,6 +412,8 @@ impl Rig {
             v.maybe("outlier_probability", Range::closed(0.0, 0.5), &mut d.outlier_probability);
             v.maybe("outlier_m", Range::above(0.0, 10.0), &mut d.outlier_m);
             v.maybe("noise_spread_ln", Range::above(0.0, 3.0), &mut d.noise_spread_ln);
+            v.maybe("velocity_noise_m_s", Range::above(0.0, 100.0), &mut d.velocity_noise_m_s);
+            v.maybe("acceleration_noise_m_s2", acceleration, &mut d.acceleration_noise_m_s2);
         });
     }
 

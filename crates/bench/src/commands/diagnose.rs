@@ -4,7 +4,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Diagnosis, MARK, NextFlight, Problem, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, MARK, NextFlight, Problem, Track, Verdict};
 use bench_plant::effects::resolve_all;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
@@ -90,6 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
     warnings.extend(unread);
+    warnings.extend(unused_motion(&tracks, &rig));
     let calibration = match arguments.calibrate {
         Some(sets) => calibration::learn(&rig, &flown, sets)?,
         None => calibration::cached(&rig, &flown).unwrap_or_else(Calibration::built_in),
@@ -133,6 +134,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     let gap = diagnosis.verdict != Verdict::None;
     Ok(if refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// What was measured on board and is not used, because the rig does not say how good it is.
+fn unused_motion(tracks: &[Track], rig: &Rig) -> Option<String> {
+    let felt = || tracks.iter().flat_map(|track| &track.felt);
+    let d = &rig.disturbance;
+    let unused = [
+        (felt().any(|f| f.velocity_m_s.is_some()) && d.velocity_noise_m_s.is_none(), "velocity_noise_m_s"),
+        (
+            felt().any(|f| f.acceleration_m_s2.is_some()) && d.acceleration_noise_m_s2.is_none(),
+            "acceleration_noise_m_s2",
+        ),
+    ];
+    let keys: Vec<&str> = unused.iter().filter(|(unused, _)| *unused).map(|(_, key)| *key).collect();
+    (!keys.is_empty()).then(|| {
+        format!(
+            "vertical motion was measured on board, but the rig's [disturbance] does not say how well ({}): it is not used",
+            keys.join(", ")
+        )
+    })
 }
 
 /// The two hypotheses of `--between`; also whether the file of the next flight may be written, before the work.

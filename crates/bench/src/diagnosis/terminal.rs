@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use bench_diagnosis::{Diagnosis, Figure, ParameterValue, RegionTold, Verdict};
+use bench_diagnosis::{Candidate, Diagnosis, Figure, ParameterValue, RegionTold, Verdict};
 use bench_page::digits;
 use bench_rig::Actuation;
 
@@ -65,6 +65,19 @@ fn what(out: &mut String, diagnosis: &Diagnosis) {
         .collect();
     if !others.is_empty() {
         let _ = writeln!(out, "  also possible: {}", others.join(", "));
+    }
+    if let [named] = diagnosis.effects.as_slice() {
+        let beside = |c: &&Candidate| {
+            c.effects.len() == 2 && c.effects.contains(named) && c.probability < LEAST_PROBABLE
+        };
+        let hidden: f64 = diagnosis.candidates.iter().filter(beside).map(|c| c.probability).sum();
+        if hidden >= LEAST_PROBABLE {
+            let _ = writeln!(
+                out,
+                "  a second effect beside it, too small to say which: {}",
+                told::percent(hidden)
+            );
+        }
     }
 }
 
