@@ -27,6 +27,8 @@ const FORGIVEN_PULSES_NATS: f64 = 18.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
 const SECOND_LAW: (f64, f64) = (4.0, 0.105);
+/// or so many nats and times what the first is seen to leave along its own quantities, where that is less;
+const FORM_SEEN: (f64, f64) = (6.0, 4.0);
 /// noise on top of a law, which takes in whatever the law leaves,
 const SECOND_NOISE: (f64, f64) = (8.0, 0.15);
 /// readings that stand still or lie far off on top of a law,
@@ -129,6 +131,10 @@ impl Weighed {
         };
         let by_weight = |a: &Hypothesis, b: &Hypothesis| weight(b).total_cmp(&weight(a));
         hypotheses.sort_by(by_weight);
+        weigh_forms(problem, search, &on_null, &mut hypotheses);
+        forgive_forms_seen(search, &mut hypotheses);
+        hypotheses.sort_by(by_weight);
+        // Pairs that this brought to the front.
         weigh_forms(problem, search, &on_null, &mut hypotheses);
         hypotheses.sort_by(by_weight);
 
@@ -327,7 +333,8 @@ fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypoth
         .filter(|i| {
             let single = hypotheses[*i].effects.len() == 1;
             singles += usize::from(single);
-            *i < FORMS_WEIGHED || single && singles <= SINGLE_FORMS_WEIGHED
+            let leads = *i < FORMS_WEIGHED || single && singles <= SINGLE_FORMS_WEIGHED;
+            leads && hypotheses[*i].regions.is_none()
         })
         .collect();
     let looked: Vec<Regions> = leading
@@ -344,6 +351,26 @@ fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypoth
         h.grounds.structure = Some(found.ceiling);
         h.grounds.tracker = Some(found.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max));
         h.regions = Some(found);
+    }
+}
+
+/// Of two laws, the second need not gain what another form of the first might, where the first alone is seen to leave less
+/// along its own quantities.
+fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis]) {
+    let seen: Vec<(usize, f64)> = hypotheses
+        .iter()
+        .filter_map(|h| Some((*h.effects.first()?, h.grounds.form?)).filter(|_| h.effects.len() == 1))
+        .collect();
+    for h in hypotheses {
+        let fitted = &search.fits[h.fit].point.effects;
+        let &[(a, _), (b, _)] = fitted.as_slice() else { continue };
+        if is_random(a) || is_random(b) {
+            continue;
+        }
+        let first = if search.alone(&[a]) >= search.alone(&[b]) { a } else { b };
+        if let Some((_, form)) = seen.iter().find(|(effect, _)| *effect == first) {
+            h.forgiven = h.forgiven.min(SECOND_LAW.0 + FORM_SEEN.0 + FORM_SEEN.1 * form);
+        }
     }
 }
 
