@@ -139,7 +139,8 @@ fn turbulence_sigmas(ln_ratio: f64) -> f64 {
         (ln_ratio - WINDY_FROM_LN).max(0.0) / WINDY_SIGMA_LN
     }
 }
-const MAX_PASSES: usize = 14;
+pub(crate) const MAX_PASSES: usize = 14;
+const FIRST_DAMPING: f64 = 1e-3;
 /// A step that promises less, in nats, is not worth a pass.
 const WORTH: f64 = 0.05;
 /// No coordinate moves by more prior deviations at once.
@@ -334,50 +335,18 @@ impl<'a> Problem<'a> {
         run(self.tracks, self.rig, point, noise, &[])
     }
 
-    /// What a promise on top of a fit comes to, with the fit's random effects as they are.
-    pub(crate) fn keep(&self, promise: Promise, base: &Fit) -> Fit {
-        let fit = self.refine(promise.start, base.noise);
-        Fit {
-            log_evidence: fit.log_evidence + base.random_ln,
-            random: base.random.clone(),
-            random_ln: base.random_ln,
-            ..fit
-        }
-    }
-
     /// Levenberg-Marquardt on the posterior, noise included, from a start.
     pub fn refine(&self, start: Point, noise: Noise) -> Fit {
+        let mut descent = self.descent(start, noise);
+        descent.go(self, MAX_PASSES);
+        descent.into_fit()
+    }
+
+    /// A fit that has not begun.
+    pub(crate) fn descent(&self, start: Point, noise: Noise) -> Descent {
         let free = self.free(&start);
-        let mut here = self.look(start, noise, &free);
-        let mut damping = 1e-3;
-        for _ in 1..MAX_PASSES {
-            let Some(step) = damped_step(&here.hessian, &here.gradient, damping) else { break };
-            let worth = 0.5 * here.gradient.dot(&step) + here.noise_step.2;
-            if worth < WORTH {
-                break;
-            }
-            let mut point = here.point.clone();
-            for (f, dx) in free.iter().zip(step.iter()) {
-                let limit = LONGEST_STEP * f.sigma;
-                let own = f.own(point.get(f.at)) + dx.clamp(-limit, limit);
-                *point.get_mut(f.at) = f.value(own);
-            }
-            let mut noise = here.noise;
-            noise.turbulence *= here.noise_step.0.exp();
-            noise.sighting_m *= here.noise_step.1.exp();
-            let there = self.look(point, noise, &free);
-            if there.objective < here.objective {
-                here = there;
-                damping = (damping * 0.2).max(1e-6);
-            } else {
-                damping = (damping * 8.0).max(0.01);
-                here.noise_step = (0.5 * here.noise_step.0, 0.5 * here.noise_step.1, 0.5 * here.noise_step.2);
-                if damping > 1e4 {
-                    break;
-                }
-            }
-        }
-        here.into_fit(free)
+        let here = self.look(start, noise, &free);
+        Descent { free, here, damping: FIRST_DAMPING, passes: 1, settled: false }
     }
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
@@ -485,6 +454,66 @@ pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<It
         };
         Free { at: Coordinate::Effect { slot, parameter }, logarithmic, mean, sigma, range: (p.min, most) }
     })
+}
+
+/// A fit under way.
+pub(crate) struct Descent {
+    free: Vec<Free>,
+    here: Look,
+    damping: f64,
+    passes: usize,
+    settled: bool,
+}
+
+impl Descent {
+    /// Goes on until nothing is to be gained, or so many passes are made in all.
+    pub(crate) fn go(&mut self, problem: &Problem<'_>, most: usize) {
+        while !self.settled && self.passes < most {
+            self.settled = !self.step(problem);
+        }
+    }
+
+    /// Whether more passes are worth it.
+    pub(crate) fn settled(&self) -> bool {
+        self.settled
+    }
+
+    /// Logarithm of the evidence here.
+    pub(crate) fn log_evidence(&self) -> f64 {
+        log_evidence(self.here.objective, &self.free, &self.here.hessian)
+    }
+
+    fn step(&mut self, problem: &Problem<'_>) -> bool {
+        let here = &mut self.here;
+        let Some(step) = damped_step(&here.hessian, &here.gradient, self.damping) else { return false };
+        let worth = 0.5 * here.gradient.dot(&step) + here.noise_step.2;
+        if worth < WORTH {
+            return false;
+        }
+        let mut point = here.point.clone();
+        for (f, dx) in self.free.iter().zip(step.iter()) {
+            let limit = LONGEST_STEP * f.sigma;
+            let own = f.own(point.get(f.at)) + dx.clamp(-limit, limit);
+            *point.get_mut(f.at) = f.value(own);
+        }
+        let mut noise = here.noise;
+        noise.turbulence *= here.noise_step.0.exp();
+        noise.sighting_m *= here.noise_step.1.exp();
+        let there = problem.look(point, noise, &self.free);
+        self.passes += 1;
+        if there.objective < here.objective {
+            self.here = there;
+            self.damping = (self.damping * 0.2).max(1e-6);
+        } else {
+            self.damping = (self.damping * 8.0).max(0.01);
+            here.noise_step = (0.5 * here.noise_step.0, 0.5 * here.noise_step.1, 0.5 * here.noise_step.2);
+        }
+        self.damping <= 1e4
+    }
+
+    pub(crate) fn into_fit(self) -> Fit {
+        self.here.into_fit(self.free)
+    }
 }
 
 /// A point of the posterior with its derivatives.

@@ -4,7 +4,7 @@ use bench_plant::effects::{LIBRARY, index_of};
 use rayon::prelude::*;
 
 use crate::{
-    fit::{Fit, Problem, Promise},
+    fit::{Descent, Fit, MAX_PASSES, Problem, Promise},
     random::{self, is_random},
 };
 
@@ -123,9 +123,32 @@ impl Search {
     }
 }
 
-/// Fits starts; of those of one effect, the better fit.
+/// Passes after which fits are compared, and nats by which one may be behind the best then to be followed to its end.
+const FIRST_PASSES: usize = 5;
+const FOLLOWED_NATS: f64 = 60.0;
+
+/// Fits starts, with the random effects of what they stand on as those are; of those of one effect, the better fit.
 fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>) -> Vec<Fit> {
-    let mut fits: Vec<Fit> = promises.into_par_iter().map(|promise| problem.keep(promise, base)).collect();
+    let mut descents: Vec<Descent> = promises
+        .into_par_iter()
+        .map(|promise| {
+            let mut descent = problem.descent(promise.start, base.noise);
+            descent.go(problem, FIRST_PASSES);
+            descent
+        })
+        .collect();
+    let best = descents.iter().map(Descent::log_evidence).fold(f64::MIN, f64::max);
+    descents
+        .par_iter_mut()
+        .filter(|descent| !descent.settled() && descent.log_evidence() > best - FOLLOWED_NATS)
+        .for_each(|descent| descent.go(problem, MAX_PASSES));
+    let with_base = |fit: Fit| Fit {
+        log_evidence: fit.log_evidence + base.random_ln,
+        random: base.random.clone(),
+        random_ln: base.random_ln,
+        ..fit
+    };
+    let mut fits: Vec<Fit> = descents.into_iter().map(|descent| with_base(descent.into_fit())).collect();
     fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     let mut seen: Vec<Vec<usize>> = Vec::new();
     fits.retain(|fit| {
