@@ -351,11 +351,16 @@ impl<'a> Problem<'a> {
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
         let full = random::added(&point, &noise, self.rig);
-        let pass = run(self.tracks, self.rig, &point, &full, &directions(free, &point));
+        let mut pass = run(self.tracks, self.rig, &point, &full, &directions(free, &point));
         let (hessian, gradient) = normal_equations(&point, free, &pass);
         let noise_step = self.noise_step(&noise, &pass);
         let objective = pass.nll + self.prior(&point, &noise, free);
-        Look { point, noise, pass, hessian, gradient, noise_step, objective }
+        let sightings = pass.innovations().count();
+        // Many fits are under way at once, of many flights.
+        for track in &mut pass.tracks {
+            track.innovations = Vec::new();
+        }
+        Look { point, noise, pass, sightings, hessian, gradient, noise_step, objective }
     }
 
     /// Log-likelihood of all flights, but for constants.
@@ -520,7 +525,9 @@ impl Descent {
 struct Look {
     point: Point,
     noise: Noise,
+    /// Without its innovations.
     pass: Pass,
+    sightings: usize,
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
     noise_step: (f64, f64, f64),
@@ -542,12 +549,8 @@ impl Look {
             covariance,
             objective: self.objective,
             log_evidence,
-            sightings: self.pass.innovations().count(),
-            pass: {
-                let mut pass = self.pass;
-                pass.tracks.iter_mut().for_each(|track| track.innovations = Vec::new());
-                pass
-            },
+            sightings: self.sightings,
+            pass: self.pass,
         }
     }
 }
