@@ -85,7 +85,7 @@ const LEAST_NEIGHBOURS: usize = 10;
 /// Median of a normal's magnitude over its deviation.
 pub(crate) const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
 }

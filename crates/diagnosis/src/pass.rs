@@ -289,6 +289,19 @@ enum Source {
     Seen(Seen),
 }
 
+impl Source {
+    /// Acceleration that it adds, per unit, at an altitude and speed where the law's is `force`.
+    #[inline]
+    fn push(&self, [z, v]: [f64; 2], force: f64, axes: &[f64; AXES]) -> f64 {
+        match self {
+            Self::Law(law, inverse_step) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
+            Self::Hat(hat) => hat.at(axes[hat.axis as usize]),
+            Self::Wave(rad_s, phase) => (rad_s * axes[Axis::Time as usize] + phase).sin(),
+            Self::Seen(_) => 0.0,
+        }
+    }
+}
+
 struct Filter {
     noise: Noise,
     law: Law,
@@ -533,16 +546,11 @@ impl Filter {
         }
         let axes = self.axes();
         for twin in &mut self.twins {
-            let push = match &mut twin.source {
-                Source::Law(law, inverse_step) => {
-                    law.hold(h, throttle);
-                    law.advance(h, z, v);
-                    (law.acceleration_m_s2(z, v) - a0) * *inverse_step
-                }
-                Source::Hat(hat) => hat.at(axes[hat.axis as usize]),
-                Source::Wave(rad_s, phase) => (*rad_s * self.around.elapsed_s + *phase).sin(),
-                Source::Seen(_) => 0.0,
-            };
+            if let Source::Law(law, _) = &mut twin.source {
+                law.hold(h, throttle);
+                law.advance(h, z, v);
+            }
+            let push = twin.source.push([z, v], a0, &axes);
             twin.sensitivity = f.apply(twin.sensitivity);
             twin.sensitivity[0] += h * h / 2.0 * push;
             twin.sensitivity[1] += h * push;
@@ -773,12 +781,7 @@ impl Filter {
             let (az, av) = self.slopes(force);
             let axes = self.axes();
             for (twin, out) in self.twins.iter().zip(&mut self.row) {
-                let push = match &twin.source {
-                    Source::Law(law, inverse_step) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
-                    Source::Hat(hat) => hat.at(axes[hat.axis as usize]),
-                    Source::Wave(rad_s, phase) => (rad_s * self.around.elapsed_s + phase).sin(),
-                    Source::Seen(_) => 0.0,
-                };
+                let push = twin.source.push([z, v], force, &axes);
                 let [dz, dv, db, dw] = twin.sensitivity;
                 *out = push + az * dz + av * dv + db + dw;
             }

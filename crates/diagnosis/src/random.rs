@@ -103,9 +103,11 @@ impl OnTop<'_> {
     }
 
     fn objective(&self, base: &Fit, noise: &Noise, own: &[f64]) -> f64 {
-        let own_prior: f64 =
-            self.own.iter().zip(own).map(|(f, x)| 0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
-        self.problem.objective(&self.point(base, own), noise, &base.free) + own_prior
+        self.problem.objective(&self.point(base, own), noise, &base.free) - self.ln_prior(own)
+    }
+
+    fn ln_prior(&self, own: &[f64]) -> f64 {
+        self.own.iter().zip(own).map(|(f, x)| -0.5 * ((x - f.mean) / f.sigma).powi(2)).sum()
     }
 
     /// Noise and effect from which to search, if they promise anything.
@@ -157,8 +159,7 @@ impl OnTop<'_> {
         let sigmas: Vec<f64> =
             own.iter().zip(&curvature[2..]).map(|(f, c)| c.max(f.sigma.powi(-2)).sqrt().recip()).collect();
         let ln_width: f64 = own.iter().zip(&sigmas).map(|(f, sigma)| (sigma / f.sigma).ln()).sum();
-        let ln_prior: f64 =
-            own.iter().zip(&x[2..]).map(|(f, x)| -0.5 * ((x - f.mean) / f.sigma).powi(2)).sum();
+        let ln_prior = self.ln_prior(&x[2..]);
         Fit {
             point: self.point(base, &x[2..]),
             noise: scaled(&x),

@@ -7,7 +7,7 @@ use bench_rig::{Bench, Rig};
 use thiserror::Error;
 
 use crate::{
-    direct::{MEDIAN_OF_NORMAL, readback_sigma},
+    direct::{MEDIAN_OF_NORMAL, median, readback_sigma},
     law::known,
 };
 
@@ -194,14 +194,7 @@ impl Track {
                 let last = sightings.partition_point(|s| s.exposed_s <= to_s);
                 sightings[first..last].iter_mut().for_each(|s| s.carried = true);
             }
-            let mut next_s = f64::MIN;
-            sightings.retain(|s| {
-                let due = s.exposed_s >= next_s;
-                if due {
-                    next_s = s.exposed_s + DUE * rig.tracker.frame_period_s;
-                }
-                due
-            });
+            thin(&mut sightings, rig.tracker.frame_period_s, |s| s.exposed_s);
         }
         if sightings.is_empty() {
             return Err(TrackError::NoPositions { flight: flight_name() });
@@ -432,6 +425,18 @@ fn rotor(flight: &Flight) -> Vec<(f64, f64)> {
     measured.collect()
 }
 
+/// Leaves one of what rises in time a period.
+fn thin<T>(all: &mut Vec<T>, period_s: f64, time_s: impl Fn(&T) -> f64) {
+    let mut next_s = f64::MIN;
+    all.retain(|one| {
+        let due = time_s(one) >= next_s;
+        if due {
+            next_s = time_s(one) + DUE * period_s;
+        }
+        due
+    });
+}
+
 /// So many readings at rest tell what an accelerometer shows there.
 const LEAST_AT_REST: usize = 10;
 
@@ -447,18 +452,9 @@ fn felt(flight: &Flight, begin_s: f64, end_s: f64, period_s: f64) -> Vec<Felt> {
         .filter(|felt| felt.time_s <= end_s && (felt.velocity_m_s, felt.acceleration_m_s2) != (None, None))
         .collect();
     let flying = all.partition_point(|felt| felt.time_s < begin_s);
-    let mut at_rest: Vec<f64> = all[..flying].iter().filter_map(|felt| felt.acceleration_m_s2).collect();
-    at_rest.sort_by(f64::total_cmp);
-    let zero = if at_rest.len() < LEAST_AT_REST { 0.0 } else { at_rest[at_rest.len() / 2] };
-    let mut next_s = f64::MIN;
-    all.drain(..flying);
-    all.retain(|felt| {
-        let due = felt.time_s >= next_s;
-        if due {
-            next_s = felt.time_s + DUE * period_s;
-        }
-        due
-    });
+    let at_rest: Vec<f64> = all.drain(..flying).filter_map(|felt| felt.acceleration_m_s2).collect();
+    let zero = if at_rest.len() < LEAST_AT_REST { 0.0 } else { median(at_rest).unwrap_or(0.0) };
+    thin(&mut all, period_s, |felt| felt.time_s);
     for felt in &mut all {
         felt.acceleration_m_s2 = felt.acceleration_m_s2.map(|x| x - zero);
     }
@@ -467,9 +463,7 @@ fn felt(flight: &Flight, begin_s: f64, end_s: f64, period_s: f64) -> Vec<Felt> {
 
 /// How late each command's iteration started, against the median.
 fn late_inputs_s(flight: &Flight) -> Vec<f64> {
-    let mut usual: Vec<f64> = lateness_s(flight);
-    usual.sort_by(f64::total_cmp);
-    let usual_s = usual.get(usual.len() / 2).copied().unwrap_or(0.0);
+    let usual_s = median(lateness_s(flight)).unwrap_or(0.0);
     flight
         .commands
         .iter()

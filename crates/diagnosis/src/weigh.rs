@@ -401,7 +401,8 @@ fn unexplained(
         structure = structure.max(on_null.ceiling);
         wave = wave.max(wave_on_null - 0.5 * gain);
     }
-    // A tracker that is known to be wrong may be so in more than one way.
+    // A tracker that is known to be wrong may be so in more than one way; regions know only of what was fitted, not of what was
+    // read directly.
     let of_tracker = best.effects.iter().any(|effect| LIBRARY[*effect].stage == Stage::Tracker);
     let tracker = on_best.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
     let structure = if of_tracker { structure } else { structure.max(tracker) };

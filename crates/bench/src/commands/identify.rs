@@ -87,14 +87,14 @@ impl Balance {
         &self,
         (rig, head): (&Rig, &str),
         found: &impl Serialize,
-        in_words: &str,
+        in_words: impl FnOnce() -> String,
         page: impl FnOnce() -> String,
     ) -> anyhow::Result<Exit> {
         files::write_rig(&self.output, head, rig)?;
         if self.json {
             words::print_json(found)?;
         } else {
-            words::print(in_words)?;
+            words::print(&in_words())?;
         }
         if let Some(file) = &self.html {
             files::write(file, &page())?;

@@ -43,7 +43,12 @@ pub fn run(arguments: &GroundArguments) -> anyhow::Result<Exit> {
         balance.readings.display(),
         balance.rig.display(),
     );
-    balance.end((&found.rig, &head), &found, &in_words(&found, balance), || model_page::ground(&found, &rig))
+    balance.end(
+        (&found.rig, &head),
+        &found,
+        || in_words(&found, balance),
+        || model_page::ground(&found, &rig),
+    )
 }
 
 fn in_words(found: &GroundIdentification, balance: &Balance) -> String {

@@ -50,9 +50,12 @@ pub fn run(arguments: &ThrustArguments) -> anyhow::Result<Exit> {
         balance.readings.display(),
         balance.rig.display(),
     );
-    balance.end((&found.rig, &head), &found, &in_words(&found, balance, &rig), || {
-        model_page::thrust(&found, &rig)
-    })
+    balance.end(
+        (&found.rig, &head),
+        &found,
+        || in_words(&found, balance, &rig),
+        || model_page::thrust(&found, &rig),
+    )
 }
 
 fn in_words(found: &ThrustIdentification, balance: &Balance, rig: &Rig) -> String {
