@@ -604,8 +604,8 @@ impl Filter {
 
     /// Takes the airframe to be where it is seen. What a flight keeps, its trim, is kept; the rest begins anew.
     fn carry(&mut self, sighting: &Sighting) {
-        let (factor, offset) = self.law.scale;
-        let z = ((sighting.z_m - offset) / factor).max(0.0);
+        let z = self.law.view.altitude_m(sighting.z_m).max(0.0);
+        let (factor, seen_m) = (self.law.view.slope(z), self.law.view.seen_m(z));
         let speed = self.carried_at.replace((sighting.exposed_s, z)).map_or(0.0, |(time_s, from)| {
             let since_s = sighting.exposed_s - time_s;
             if (1e-4..SPEED_WITHIN_S).contains(&since_s) { (z - from) / since_s } else { 0.0 }
@@ -625,7 +625,7 @@ impl Filter {
                 // Whatever is believed of tracker and latency, it was seen here.
                 Source::Law(law, inverse_step) => {
                     let later_s = law.latency_s - self.law.latency_s;
-                    let seen = law.scale.0 * z + law.scale.1 - (factor * z + offset);
+                    let seen = law.view.seen_m(z) - seen_m;
                     (later_s * v - seen / factor) * inverse_step
                 }
                 Source::Hat(_) | Source::Wave(..) | Source::Seen(_) => 0.0,
@@ -656,8 +656,7 @@ impl Filter {
     /// Holds a sighting against its prediction and learns from it.
     fn see(&mut self, sighting: &Sighting, timing_s: f64) {
         let [z, v, ..] = self.x;
-        let (factor, offset) = self.law.scale;
-        let predicted = factor * z + offset;
+        let (factor, predicted) = (self.law.view.slope(z), self.law.view.seen_m(z));
         let residual = sighting.z_m - predicted;
         let seen = Sight {
             factor,
@@ -671,7 +670,7 @@ impl Filter {
             let shift = match &twin.source {
                 Source::Law(law, inverse_step) => {
                     let later_s = law.latency_s - self.law.latency_s;
-                    (law.scale.0 * z + law.scale.1 - predicted - later_s * v * factor) * inverse_step
+                    (law.view.seen_m(z) - predicted - later_s * v * factor) * inverse_step
                 }
                 Source::Hat(_) | Source::Wave(..) => 0.0,
                 Source::Seen(Seen::Altitude(hat)) => hat.at(z),

@@ -347,7 +347,7 @@ fn fly(
     let mut law = Law::new(point, problem.rig);
     let mut air = rng.map(|rng| Air::new(problem.noise, rng));
     let late = law.latency_s - problem.rig.tracker.latency_s.value;
-    let (factor, offset) = law.scale;
+    let view = law.view;
     let (mut z, mut v) = (0.0_f64, 0.0_f64);
     let mut now = track.begin_s;
     let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
@@ -370,7 +370,7 @@ fn fly(
             }
         }
         let blur = air.as_mut().map_or(0.0, |air| air.noise.sighting_m * air.normal());
-        out.push(factor * z + offset + blur);
+        out.push(view.seen_m(z) + blur);
     }
     out
 }

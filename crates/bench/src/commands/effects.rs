@@ -67,13 +67,14 @@ fn in_full(spec: &EffectSpec) -> String {
     for p in spec.parameters {
         let _ = writeln!(
             out,
-            "  {:<24} {}; {} to {}{}; typically {}",
+            "  {:<24} {}; {} to {}{}; {}",
             p.key,
             p.meaning,
             p.min,
             p.max,
             if p.unit == "1" { String::new() } else { format!(" {}", p.unit) },
-            p.prior.typical()
+            p.default
+                .map_or_else(|| format!("typically {}", p.prior.typical()), |x| format!("{x} if left out"))
         );
     }
     out + &format!("  example  bench sim --effect {}\n", spec.example())
@@ -92,6 +93,7 @@ fn as_json(spec: &EffectSpec) -> Value {
             };
             json!({
                 "key": p.key, "unit": p.unit, "meaning": p.meaning, "min": p.min, "max": p.max, "neutral": p.neutral,
+                "default": p.default,
                 "prior": prior
             })
         })

@@ -20,6 +20,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         max: 0.5,
         prior: Prior::LogNormal { median: 0.015, sigma_ln: 0.8 },
         neutral: Some(0.0),
+        default: None,
     }],
     build,
 };

@@ -3,43 +3,60 @@
 use bench_device::Sticks;
 use bench_rig::Rig;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::Lag};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::TwoLags};
 
 /// All four sticks pass a first-order lag.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "actuator-lag",
     stage: Stage::Actuator,
-    summary: "the motors hear the sticks through a first-order lag",
-    law: "du/dt = (pin - u)/tau",
+    summary: "the motors hear the sticks through a lag",
+    law: "(1 - s) tau dx/dt = pin - x, s tau du/dt = x - u",
     source: "Stevens, Lewis, Johnson, Aircraft Control and Simulation, 3rd ed., 2015: actuators as first-order lags",
-    parameters: &[Parameter {
-        key: "time_constant_s",
-        unit: "s",
-        meaning: "time constant of all four sticks",
-        min: 0.0,
-        max: 2.0,
-        prior: Prior::LogNormal { median: 0.05, sigma_ln: 0.9 },
-        neutral: Some(0.0),
-    }],
+    parameters: &[
+        Parameter {
+            key: "time_constant_s",
+            unit: "s",
+            meaning: "time constant of all four sticks",
+            min: 0.0,
+            max: 2.0,
+            prior: Prior::LogNormal { median: 0.05, sigma_ln: 0.9 },
+            neutral: Some(0.0),
+            default: None,
+        },
+        Parameter {
+            key: "second_share",
+            unit: "1",
+            meaning: "share of it that is a second lag, behind the first",
+            min: 0.0,
+            max: 0.45,
+            prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
+            neutral: None,
+            default: Some(0.0),
+        },
+    ],
     build,
 };
 
 fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    Box::new(ActuatorLag { time_constant_s: values[0], lags: None })
+    Box::new(ActuatorLag { time_constant_s: values[0], second_share: values[1], lags: None })
 }
 
 struct ActuatorLag {
     time_constant_s: f64,
+    second_share: f64,
     /// Settled on the first input: the hand controller was on before the flight began.
-    lags: Option<[Lag; 4]>,
+    lags: Option<[TwoLags; 4]>,
 }
 
 impl Effect for ActuatorLag {
     fn actuate(&mut self, dt_s: f64, sticks: &mut Sticks) {
         let mut values = sticks.to_array();
-        let lags = self.lags.get_or_insert_with(|| values.map(|value| Lag::new(self.time_constant_s, value)));
+        let (time_constant_s, second_share) = (self.time_constant_s, self.second_share);
+        let lags = self
+            .lags
+            .get_or_insert_with(|| values.map(|value| TwoLags::new(time_constant_s, second_share, value)));
         for (value, lag) in values.iter_mut().zip(lags) {
-            *value += lag.advance(dt_s, *value).mean;
+            *value += lag.advance(dt_s, *value, 1.0).mean;
         }
         *sticks = Sticks::from_array(values);
     }
@@ -66,5 +83,21 @@ mod tests {
         for (value, expected) in heard.to_array().into_iter().zip([2.0 - left, 1.0 + left, 2.0, 3.0 - left]) {
             assert!((value - expected).abs() < 1e-3, "{value}, not {expected}");
         }
+    }
+
+    #[test]
+    fn a_second_lag_takes_its_share_of_the_time_constant() {
+        let mut lag = effect("actuator-lag", &[0.1, 0.4]);
+        let mut throttle = 0.0;
+        lag.actuate(1e-4, &mut Sticks::default());
+        for _ in 0..1000 {
+            let mut sticks = Sticks { throttle: 1.0, ..Sticks::default() };
+            lag.actuate(1e-4, &mut sticks);
+            throttle = sticks.throttle;
+        }
+        // 60 and 40 ms in series, after 100 ms.
+        let (a, b): (f64, f64) = (0.06, 0.04);
+        let expected = 1.0 - (a * (-0.1 / a).exp() - b * (-0.1 / b).exp()) / (a - b);
+        assert!((throttle - expected).abs() < 1e-3);
     }
 }

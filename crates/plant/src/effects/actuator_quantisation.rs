@@ -20,6 +20,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         max: 0.25,
         prior: Prior::LogNormal { median: 0.01, sigma_ln: 0.9 },
         neutral: Some(0.0),
+        default: None,
     }],
     build,
 };

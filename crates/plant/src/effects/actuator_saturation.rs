@@ -20,6 +20,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         max: 20.0,
         prior: Prior::LogNormal { median: 1.15, sigma_ln: 0.2 },
         neutral: Some(20.0),
+        default: None,
     }],
     build,
 };

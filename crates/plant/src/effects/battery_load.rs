@@ -9,7 +9,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "battery-load",
     stage: Stage::Propulsion,
     summary: "thrust sags with the load on the battery, and recovers",
-    law: "T' = max(0, T (1 - sag s)), ds/dt = ((T/W)^1.5 - s)/tau",
+    law: "T' = max(0, T (1 - sag (p P + (1 - p) s))), P = (T/W)^1.5, ds/dt = (P - s)/tau",
     source: "Chen and Rincón-Mora, Accurate Electrical Battery Model Capable of Predicting Runtime and I-V Performance, IEEE Transactions on Energy Conversion 21(2), 2006: resistance with a first-order transient; power of a rotor as thrust to 1.5 (momentum theory)",
     parameters: &[
         Parameter {
@@ -20,6 +20,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 0.5,
             prior: Prior::LogNormal { median: 0.05, sigma_ln: 0.8 },
             neutral: Some(0.0),
+            default: None,
         },
         Parameter {
             key: "time_constant_s",
@@ -29,6 +30,17 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 60.0,
             prior: Prior::LogNormal { median: 1.0, sigma_ln: 1.0 },
             neutral: None,
+            default: None,
+        },
+        Parameter {
+            key: "prompt_share",
+            unit: "1",
+            meaning: "share of the sag that comes and goes at once",
+            min: 0.0,
+            max: 1.0,
+            prior: Prior::Normal { mean: 0.0, sigma: 0.3 },
+            neutral: None,
+            default: Some(0.0),
         },
     ],
     build,
@@ -39,11 +51,13 @@ fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
         sag: values[0],
         weight_n: rig.airframe.weight_n(),
         load: Lag::new(values[1], 0.0),
+        prompt_share: values[2],
     })
 }
 
 struct BatteryLoad {
     sag: f64,
+    prompt_share: f64,
     weight_n: f64,
     /// Electrical power over that in hover, as the battery's chemistry has noticed it. Rested at first.
     load: Lag,
@@ -52,7 +66,8 @@ struct BatteryLoad {
 impl Effect for BatteryLoad {
     fn propel(&mut self, dt_s: f64, free_thrust_n: &mut f64) {
         let power = (*free_thrust_n / self.weight_n).powf(1.5);
-        let load = power + self.load.advance(dt_s, power).mean;
+        let late = power + self.load.advance(dt_s, power).mean;
+        let load = late + self.prompt_share * (power - late);
         *free_thrust_n = (*free_thrust_n * (1.0 - self.sag * load)).max(0.0);
     }
 }
@@ -76,5 +91,14 @@ mod tests {
         // The value is the mean of the last 1 ms step, 1/2000 of the time constant.
         assert!((after(2.0, 1.0) - 0.05 * (1.0 - (-1.0_f64).exp())).abs() < 0.05 * 1e-3);
         assert!((after(60.0, 1.44) - 0.05 * 1.728).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_prompt_share_of_the_sag_comes_at_once() {
+        let mut battery = effect("battery-load", &[0.05, 2.0, 0.4]);
+        let weight_n = rig().airframe.weight_n();
+        let mut thrust_n = weight_n;
+        battery.propel(1e-6, &mut thrust_n);
+        assert!((1.0 - thrust_n / weight_n - 0.4 * 0.05).abs() < 1e-6);
     }
 }

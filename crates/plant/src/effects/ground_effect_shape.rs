@@ -21,6 +21,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 10.0,
             prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.5 },
             neutral: Some(1.0),
+            default: None,
         },
         Parameter {
             key: "exponent",
@@ -30,6 +31,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 50.0,
             prior: Prior::LogNormal { median: 2.0, sigma_ln: 0.8 },
             neutral: Some(1.0),
+            default: None,
         },
     ],
     build,

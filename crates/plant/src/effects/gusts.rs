@@ -23,6 +23,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 20.0,
             prior: Prior::LogNormal { median: 0.3, sigma_ln: 0.8 },
             neutral: Some(0.0),
+            default: None,
         },
         Parameter {
             key: "correlation_time_s",
@@ -32,6 +33,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 60.0,
             prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.8 },
             neutral: None,
+            default: None,
         },
     ],
     build,

@@ -29,15 +29,106 @@ impl Lag {
     #[inline]
     pub(super) fn advance(&mut self, dt_s: f64, target: f64) -> Transient {
         let start = self.state - target;
+        if start == 0.0 || self.time_constant_s == 0.0 {
+            self.state = target;
+            return Transient { mean: 0.0, mean_square: 0.0 };
+        }
         let ratio = dt_s / self.time_constant_s;
-        self.state = target + start * (-ratio).exp();
-        Transient { mean: start * mean_decay(ratio), mean_square: start * start * mean_decay(2.0 * ratio) }
+        let lost = (-ratio).exp_m1();
+        self.state = target + start * (1.0 + lost);
+        Transient {
+            mean: -start * lost / ratio,
+            mean_square: -start * start * lost * (2.0 + lost) / (2.0 * ratio),
+        }
+    }
+}
+
+/// Two lags in series, `x1' = (target - x1)/tau1`, `x2' = (x1 - x2)/tau2`, seen at the second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TwoLags {
+    rates_per_s: [f64; 2],
+    /// What the first still has to go comes through the second so much larger, for it is the slower one.
+    through: f64,
+    states: [f64; 2],
+}
+
+impl TwoLags {
+    /// Lags whose time constants add up to `time_constant_s`, `second_share` of it (less than a half) the second's.
+    pub(super) fn new(time_constant_s: f64, second_share: f64, state: f64) -> Self {
+        Self {
+            rates_per_s: [1.0 - second_share, second_share].map(|share| (share * time_constant_s).recip()),
+            through: (1.0 - second_share) / (1.0 - 2.0 * second_share),
+            states: [state; 2],
+        }
+    }
+
+    /// Whether it will have to go down for `target`.
+    #[inline]
+    pub(super) fn is_above(&self, target: f64) -> bool {
+        self.states[0] > target
+    }
+
+    /// Moves on by `dt_s` towards `target`, at `pace` times the usual rates.
+    #[inline]
+    pub(super) fn advance(&mut self, dt_s: f64, target: f64, pace: f64) -> Transient {
+        let starts = self.states.map(|state| state - target);
+        if starts == [0.0; 2] || self.rates_per_s[0] == f64::INFINITY {
+            self.states = [target; 2];
+            return Transient { mean: 0.0, mean_square: 0.0 };
+        }
+        let first = dt_s * pace * self.rates_per_s[0];
+        let first_lost = (-first).exp_m1();
+        let through = starts[0] * self.through;
+        self.states = [target + starts[0] * (1.0 + first_lost), target + through * (1.0 + first_lost)];
+        let mean = -through * first_lost / first;
+        let mean_square = 0.5 * through * mean * (2.0 + first_lost);
+        if self.rates_per_s[1] == f64::INFINITY {
+            return Transient { mean, mean_square };
+        }
+        let second = dt_s * pace * self.rates_per_s[1];
+        let second_lost = (-second).exp_m1();
+        let rest = starts[1] - through;
+        self.states[1] += rest * (1.0 + second_lost);
+        let rest_mean = -rest * second_lost / second;
+        let both_lost = first_lost + second_lost + first_lost * second_lost;
+        Transient {
+            mean: mean + rest_mean,
+            mean_square: mean_square - 2.0 * through * rest * both_lost / (first + second)
+                + 0.5 * rest * rest_mean * (2.0 + second_lost),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Lag;
+    use super::{Lag, TwoLags};
+
+    #[test]
+    fn of_two_lags_one_long_step_equals_many_short_ones_and_without_a_second_it_is_one() {
+        let mut long = TwoLags::new(0.1, 0.3, 1.0);
+        let mut short = long;
+        let whole = long.advance(0.1, 3.0, 0.7);
+        let (mut mean, mut mean_square) = (0.0, 0.0);
+        for _ in 0..1000 {
+            let part = short.advance(1e-4, 3.0, 0.7);
+            mean += part.mean / 1000.0;
+            mean_square += part.mean_square / 1000.0;
+        }
+        for (a, b) in long.states.into_iter().zip(short.states) {
+            assert!((a - b).abs() < 1e-9, "{a} {b}");
+        }
+        assert!((whole.mean - mean).abs() < 1e-9 && (whole.mean_square - mean_square).abs() < 1e-9);
+        // Equal time constants would be 1 - (1 + t/tau) e^(-t/tau): these are nearly so.
+        let mut even = TwoLags::new(0.2, 0.4999, 0.0);
+        even.advance(0.1, 1.0, 1.0);
+        assert!((even.states[1] - (1.0 - 2.0 * (-1.0_f64).exp())).abs() < 1e-3);
+
+        let (mut one, mut two) = (Lag::new(0.05, 1.0), TwoLags::new(0.05, 0.0, 1.0));
+        for target in [3.0, 2.0, 2.0] {
+            let (one, two) = (one.advance(0.02, target), two.advance(0.02, target, 1.0));
+            assert!((one.mean - two.mean).abs() < 1e-12 && (one.mean_square - two.mean_square).abs() < 1e-12);
+        }
+    }
 
     #[test]
     fn one_long_step_equals_many_short_ones_in_state_mean_and_mean_square() {

@@ -22,6 +22,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 1.0,
             prior: Prior::LogNormal { median: 0.05, sigma_ln: 1.0 },
             neutral: Some(0.0),
+            default: None,
         },
         Parameter {
             key: "mean_s",
@@ -31,6 +32,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 5.0,
             prior: Prior::LogNormal { median: 0.03, sigma_ln: 0.9 },
             neutral: None,
+            default: None,
         },
     ],
     build,

@@ -173,6 +173,18 @@ impl Effects {
     }
 }
 
+/// `x^exponent`, quickly where the exponent is that of a law's plainest form.
+#[inline]
+fn power(x: f64, exponent: f64) -> f64 {
+    if exponent == 1.0 {
+        x
+    } else if exponent == 2.0 {
+        x * x
+    } else {
+        x.powf(exponent)
+    }
+}
+
 /// An effect's random stream: the FNV-1a hash of its name (Fowler, Noll, Vo). The lab's own streams are small numbers.
 fn stream(name: &str) -> u64 {
     name.bytes()
@@ -193,8 +205,9 @@ mod testing {
     /// An effect of the library by name, for the virtual rig.
     pub(super) fn effect(name: &str, values: &[f64]) -> Box<dyn Effect> {
         let spec = LIBRARY.iter().find(|spec| spec.name == name).expect("the effect is in the library");
-        assert_eq!(values.len(), spec.parameters.len());
-        (spec.build)(values, &rig(), EffectRng::seed_from_u64(1))
+        let mut values = values.to_vec();
+        values.extend(spec.parameters[values.len()..].iter().map(|p| p.default.expect("it is given")));
+        (spec.build)(&values, &rig(), EffectRng::seed_from_u64(1))
     }
 
     /// A level airframe that moves up.

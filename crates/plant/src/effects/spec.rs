@@ -84,6 +84,8 @@ pub struct Parameter {
     /// The value at which the effect vanishes, whatever its other parameters; `None` for one that only shapes it. Where
     /// several have one, the effect vanishes with all of them.
     pub neutral: Option<f64>,
+    /// The value where it is not given: what makes of the law its plainest form. `None` for one that must be given.
+    pub default: Option<f64>,
 }
 
 /// An effect of the library.
@@ -105,10 +107,10 @@ pub struct EffectSpec {
 }
 
 impl EffectSpec {
-    /// How to ask for it on the command line, with typical values.
+    /// How to ask for it on the command line, with typical values of what must be given.
     pub fn example(&self) -> String {
-        let values: Vec<_> =
-            self.parameters.iter().map(|p| format!("{}={}", p.key, p.prior.typical())).collect();
+        let needed = self.parameters.iter().filter(|p| p.default.is_none());
+        let values: Vec<_> = needed.map(|p| format!("{}={}", p.key, p.prior.typical())).collect();
         format!("{}:{}", self.name, values.join(","))
     }
 }
@@ -255,6 +257,9 @@ fn value(entry: &EffectEntry, spec: &EffectSpec, parameter: &Parameter) -> Resul
     let Parameter { key, unit, meaning, min, max, .. } = *parameter;
     let effect = spec.name;
     let Some((_, value, line)) = entry.parameters.iter().find(|(given, ..)| given == key) else {
+        if let Some(default) = parameter.default {
+            return Ok(default);
+        }
         let (at, example) = (entry.at.clone(), spec.example());
         return Err(EffectError::MissingParameter { at, effect, key, meaning, unit, example });
     };

@@ -9,33 +9,48 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "thrust-curve",
     stage: Stage::Propulsion,
     summary: "thrust bends with throttle, about the hover point",
-    law: "T' = max(0, T (1 + c (T - W)/W))",
+    law: "T' = max(0, T (1 + c x + d x^2)), x = (T - W)/W",
     source: "Förster, System Identification of the Crazyflie 2.0 Nano Quadrocopter, ETH Zurich, 2015: thrust as a polynomial of second degree in the command",
-    parameters: &[Parameter {
-        key: "curvature",
-        unit: "1",
-        meaning: "curvature c: relative gain of thrust at twice the hover thrust",
-        min: -1.0,
-        max: 2.0,
-        prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
-        neutral: Some(0.0),
-    }],
+    parameters: &[
+        Parameter {
+            key: "curvature",
+            unit: "1",
+            meaning: "curvature c: relative gain of thrust at twice the hover thrust",
+            min: -1.0,
+            max: 2.0,
+            prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
+            neutral: Some(0.0),
+            default: None,
+        },
+        Parameter {
+            key: "cubic",
+            unit: "1",
+            meaning: "curvature of that curvature d",
+            min: -1.0,
+            max: 1.0,
+            prior: Prior::Normal { mean: 0.0, sigma: 0.1 },
+            neutral: Some(0.0),
+            default: Some(0.0),
+        },
+    ],
     build,
 };
 
 fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    Box::new(ThrustCurve { curvature: values[0], weight_n: rig.airframe.weight_n() })
+    Box::new(ThrustCurve { curvature: values[0], cubic: values[1], weight_n: rig.airframe.weight_n() })
 }
 
 struct ThrustCurve {
     curvature: f64,
+    cubic: f64,
     weight_n: f64,
 }
 
 impl Effect for ThrustCurve {
     fn propel(&mut self, _: f64, free_thrust_n: &mut f64) {
         let beyond_hover = (*free_thrust_n - self.weight_n) / self.weight_n;
-        *free_thrust_n = (*free_thrust_n * (1.0 + self.curvature * beyond_hover)).max(0.0);
+        *free_thrust_n =
+            (*free_thrust_n * (1.0 + (self.curvature + self.cubic * beyond_hover) * beyond_hover)).max(0.0);
     }
 }
 
@@ -52,5 +67,14 @@ mod tests {
             curve.propel(1e-3, &mut thrust_n);
             assert!((thrust_n / weight_n - ratio * ratio).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn the_curve_may_bend_back() {
+        let mut curve = effect("thrust-curve", &[0.2, -0.1]);
+        let weight_n = rig().airframe.weight_n();
+        let mut thrust_n = 1.5 * weight_n;
+        curve.propel(0.01, &mut thrust_n);
+        assert!((thrust_n / weight_n - 1.5 * (1.0 + 0.1 - 0.025)).abs() < 1e-12);
     }
 }

@@ -20,6 +20,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         max: 2.0,
         prior: Prior::LogNormal { median: 0.7, sigma_ln: 0.5 },
         neutral: Some(0.0),
+        default: None,
     }],
     build,
 };

@@ -21,6 +21,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 0.5,
             prior: Prior::LogNormal { median: 0.03, sigma_ln: 1.0 },
             neutral: Some(0.0),
+            default: None,
         },
         Parameter {
             key: "mean_burst_frames",
@@ -30,6 +31,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 1000.0,
             prior: Prior::LogNormal { median: 4.0, sigma_ln: 0.7 },
             neutral: None,
+            default: None,
         },
     ],
     build,

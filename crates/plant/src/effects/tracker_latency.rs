@@ -19,6 +19,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         max: 0.5,
         prior: Prior::Normal { mean: 0.0, sigma: 0.03 },
         neutral: Some(0.0),
+        default: None,
     }],
     build,
 };

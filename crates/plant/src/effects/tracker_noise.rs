@@ -21,6 +21,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         max: 0.5,
         prior: Prior::LogNormal { median: 0.004, sigma_ln: 0.8 },
         neutral: Some(0.0),
+        default: None,
     }],
     build,
 };

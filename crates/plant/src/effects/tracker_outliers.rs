@@ -23,6 +23,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 0.5,
             prior: Prior::LogNormal { median: 0.02, sigma_ln: 1.0 },
             neutral: Some(0.0),
+            default: None,
         },
         Parameter {
             key: "sigma_m",
@@ -32,6 +33,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             max: 5.0,
             prior: Prior::LogNormal { median: 0.15, sigma_ln: 0.8 },
             neutral: None,
+            default: None,
         },
     ],
     build,

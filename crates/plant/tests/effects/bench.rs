@@ -30,7 +30,8 @@ pub fn spec(name: &str) -> &'static EffectSpec {
 }
 
 pub fn entry(spec: &EffectSpec, values: &[f64]) -> EffectEntry {
-    assert_eq!(values.len(), spec.parameters.len(), "{}", spec.name);
+    let left_out = spec.parameters.iter().skip(values.len());
+    assert!(left_out.clone().all(|p| p.default.is_some()), "{}", spec.name);
     EffectEntry {
         name: spec.name.to_owned(),
         parameters: spec
@@ -43,9 +44,9 @@ pub fn entry(spec: &EffectSpec, values: &[f64]) -> EffectEntry {
     }
 }
 
-/// What one would see of an effect: its parameters' typical values.
+/// What one would see of an effect: its parameters' typical values, and its plainest form.
 pub fn typical(spec: &EffectSpec) -> Vec<f64> {
-    spec.parameters.iter().map(|p| p.prior.typical()).collect()
+    spec.parameters.iter().map(|p| p.default.unwrap_or(p.prior.typical())).collect()
 }
 
 /// Sticks that ask for a nominal thrust in weights, the others centred.

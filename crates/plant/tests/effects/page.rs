@@ -45,8 +45,7 @@ fn section(spec: &EffectSpec) -> String {
     let EffectSpec { name, summary, law, source, .. } = spec;
     let mut out = format!("\n### {name}\n\n{}{}.\n\n", summary[..1].to_uppercase(), &summary[1..]);
     write!(out, "```text\n{law}\n```\n\n").unwrap();
-    out +=
-        "| parameter | unit | range | prior | none at | meaning |\n| --- | --- | --- | --- | --- | --- |\n";
+    out += "| parameter | unit | range | prior | none at | left out | meaning |\n| --- | --- | --- | --- | --- | --- | --- |\n";
     for parameter in spec.parameters {
         out += &row(parameter);
     }
@@ -55,11 +54,12 @@ fn section(spec: &EffectSpec) -> String {
 }
 
 fn row(parameter: &Parameter) -> String {
-    let Parameter { key, unit, meaning, min, max, neutral, .. } = parameter;
-    let neutral = neutral.map_or(String::new(), |value| value.to_string());
+    let Parameter { key, unit, meaning, min, max, neutral, default, .. } = parameter;
+    let [neutral, default] =
+        [neutral, default].map(|value| value.map_or(String::new(), |value| value.to_string()));
     let prior = match parameter.prior {
         Prior::Normal { mean, sigma } => format!("{mean} ± {sigma}"),
         Prior::LogNormal { median, sigma_ln } => format!("{median} ×÷ {:.1}", sigma_ln.exp()),
     };
-    format!("| `{key}` | {unit} | {min} to {max} | {prior} | {neutral} | {meaning} |\n")
+    format!("| `{key}` | {unit} | {min} to {max} | {prior} | {neutral} | {default} | {meaning} |\n")
 }

@@ -88,7 +88,7 @@ fn a_flight_in_steps_of_20_ms_is_that_in_steps_of_half_a_millisecond() {
 fn integral_ahead(dt_s: f64) -> f64 {
     let index = LIBRARY.iter().position(|spec| spec.name == "ground-effect-dynamic").unwrap();
     let mut effects = Effects::default();
-    effects.add(index, &[0.1], &rig(Model::Vertical), 1);
+    effects.add(index, &[0.1, 1.0, 0.0], &rig(Model::Vertical), 1);
     let air_at = |t: f64| Air {
         height_m: 0.5 * t * t,
         velocity_m_s: Vector3::new(0.0, 0.0, t),
