@@ -483,6 +483,8 @@ fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
 
 /// Lateness that any soft real-time loop has, s: below, nothing is told.
 const ORDINARY_LATENESS_S: f64 = 0.001;
+/// So many scales of the ordinary beyond the median an iteration is late.
+const LATE_SCALES: f64 = 8.0;
 
 fn ticks(tracks: &[Track], out: &mut Direct) {
     let mut all: Vec<f64> = tracks.iter().flat_map(|t| t.lateness_s.iter().copied()).collect();
@@ -492,9 +494,13 @@ fn ticks(tracks: &[Track], out: &mut Direct) {
     all.sort_by(f64::total_cmp);
     let median = all[all.len() / 2];
     let upper = all[all.len() * 3 / 4] - median;
-    // The scale of an exponential tail, from its quartile above the median (ln 2 of it), and not below the ordinary.
-    let scale = (upper / std::f64::consts::LN_2).max(ORDINARY_LATENESS_S);
-    let threshold = median + 8.0 * scale;
+    // The scale of an exponential tail, from its quartile above the median (ln 2 of it), and not below the ordinary; then,
+    // as clocks that count milliseconds blur quartiles, from the mean of all that is not late by that.
+    let late_by = |scale: f64| median + LATE_SCALES * scale;
+    let coarse = (upper / std::f64::consts::LN_2).max(ORDINARY_LATENESS_S);
+    let above = all.iter().filter(|x| (median..=late_by(coarse)).contains(*x)).map(|x| x - median);
+    let scale = (above.clone().sum::<f64>() / above.count() as f64).max(ORDINARY_LATENESS_S);
+    let threshold = late_by(scale);
     let late: Vec<f64> = all.iter().filter(|x| **x > threshold).map(|x| x - median).collect();
     if late.is_empty() {
         return;
