@@ -5,8 +5,10 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Share of nominal flights that may raise an alarm.
-const FALSE_ALARMS: f64 = 0.02;
+/// Share of nominal flights that may raise an alarm: half of what is promised, for few flights are simulated.
+const FALSE_ALARMS: f64 = 0.01;
+/// Share of margins that makes up the tail.
+const TAIL: f64 = 0.1;
 /// The weight of `none` is moved by no more than this, as a logarithm: few simulated flights cannot say more.
 const MOST_MOVED: f64 = 4.0;
 
@@ -49,14 +51,14 @@ impl Calibration {
     /// 5001 and 5002, without the kinds that it reserves), half of them as a log that holds the newest frame.
     pub fn built_in() -> Self {
         Self {
-            temperature: 3.3,
-            doubt: 0.15,
+            temperature: 2.8,
+            doubt: 0.18,
             ln_prior_none: 0.0,
             ln_prior_single: -2.4,
-            ln_prior_pair: -4.0,
-            ln_prior_unknown: -0.5,
-            none_power: 3.0,
-            hidden_second: 0.1,
+            ln_prior_pair: -3.7,
+            ln_prior_unknown: -0.4,
+            none_power: 3.5,
+            hidden_second: 0.08,
             source: "built in".to_owned(),
             cases: 650,
         }
@@ -65,12 +67,10 @@ impl Calibration {
     /// Moves the weight of `none` so that only a small share of flights known to be nominal would raise an alarm.
     /// `margins` are those of [`crate::alarm_margin`] under this calibration.
     #[must_use]
-    pub fn with_margins(&self, mut margins: Vec<f64>, source: String) -> Self {
-        margins.sort_by(f64::total_cmp);
-        // A next set exceeds the k-th largest of n with probability k/(n + 1).
-        let k = (FALSE_ALARMS * (margins.len() + 1) as f64).floor().max(1.0) as usize;
-        let margin = margins.iter().rev().nth(k - 1).copied().unwrap_or(0.0).clamp(-MOST_MOVED, MOST_MOVED);
-        Self { ln_prior_none: self.ln_prior_none + margin, source, cases: margins.len(), ..self.clone() }
+    pub fn with_margins(&self, margins: Vec<f64>, source: String) -> Self {
+        let cases = margins.len();
+        let margin = exceeded_by_next(margins, FALSE_ALARMS).clamp(-MOST_MOVED, MOST_MOVED);
+        Self { ln_prior_none: self.ln_prior_none + margin, source, cases, ..self.clone() }
     }
 
     /// The probability of `none` from the one that it would have if it were a cause like any other.
@@ -90,8 +90,24 @@ impl Calibration {
     }
 }
 
+/// The value that a next draw exceeds with the given probability. Draws of most laws exceed a high threshold by
+/// exponential amounts (Pickands, *Statistical inference using extreme order statistics*, Annals of Statistics 3(1), 1975);
+/// with the mean of `m` such amounts for what is known of them, a next one exceeds `x` times it with probability
+/// `(1 + x/m)^-m`.
+fn exceeded_by_next(mut draws: Vec<f64>, probability: f64) -> f64 {
+    draws.sort_by(|a, b| b.total_cmp(a));
+    let tail = (TAIL * draws.len() as f64).ceil();
+    let Some(threshold) = draws.get(tail as usize) else { return draws.first().copied().unwrap_or(0.0) };
+    let mean = draws.iter().take(tail as usize).map(|draw| draw - threshold).sum::<f64>() / tail;
+    let beyond = (tail / draws.len() as f64 / probability).powf(tail.recip());
+    threshold + mean * tail * (beyond - 1.0)
+}
+
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
     use super::*;
 
     #[test]
@@ -103,13 +119,25 @@ mod tests {
     }
 
     #[test]
-    fn one_set_in_fifty_may_raise_an_alarm() {
-        let margins = |n: u32| (0..n).map(|i| 0.01 * f64::from(i)).collect();
-        let moved = |n: u32| {
-            let built_in = Calibration::built_in();
-            built_in.with_margins(margins(n), String::new()).ln_prior_none - built_in.ln_prior_none
-        };
-        // A next one beyond the largest of 50, or the second largest of 100: chances of 1 in 51 and 2 in 101.
-        assert!((moved(50) - 0.49).abs() < 1e-9 && (moved(100) - 0.98).abs() < 1e-9);
+    fn one_next_set_in_a_hundred_raises_an_alarm() {
+        // Of exponential margins: 2,000 calibrations on 100 sets each, and the chance of an alarm that each leaves.
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut alarms = 0.0;
+        for _ in 0..2000 {
+            let mut exponential = || -(1.0 - rng.random::<f64>()).ln();
+            let margins = (0..100).map(|_| 0.3 * exponential() - 0.5).collect();
+            let moved = Calibration::built_in().with_margins(margins, String::new());
+            let margin = moved.ln_prior_none - Calibration::built_in().ln_prior_none;
+            alarms += (-(margin + 0.5).max(0.0) / 0.3).exp() / 2000.0;
+        }
+        // The threshold, a quantile of 100, is not known exactly either, which the formula leaves out: some 5 % more.
+        assert!((alarms - 0.01).abs() < 0.001, "{alarms}");
+    }
+
+    #[test]
+    fn a_few_margins_are_a_tail_too() {
+        assert_eq!(exceeded_by_next(Vec::new(), 0.01), 0.0);
+        assert_eq!(exceeded_by_next(vec![0.3], 0.01), 0.3);
+        assert!(exceeded_by_next(vec![0.1, 0.3], 0.01) > 0.3);
     }
 }

@@ -209,8 +209,10 @@ pub struct FlightUsed {
     pub sightings: usize,
 }
 
-/// Sigmas of an interval of 90 %, widened for sightings that are not quite independent.
-const INTERVAL_SIGMAS: f64 = 1.645 * 1.2;
+/// Sigmas of an interval of 90 %,
+const INTERVAL_SIGMAS: f64 = 1.645;
+/// and by how much sigma is wider, for sightings that are not quite independent.
+const WIDENED: f64 = 1.2;
 /// One sigma of what another form of a law makes of its parameters, as a fraction: learnt with the calibration.
 const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
@@ -366,7 +368,7 @@ fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct)
     let effects = h.names();
     let fit = &search.fits[h.fit];
     let mut parameters: Vec<ParameterValue> = fit
-        .effect_parameters(INTERVAL_SIGMAS, FORM_SIGMA)
+        .effect_parameters(INTERVAL_SIGMAS, WIDENED, FORM_SIGMA)
         .map(|(slot, parameter, value, [low, high])| {
             let spec = LIBRARY[fit.point.effects[slot].0];
             let p = spec.parameters[parameter];
@@ -378,7 +380,7 @@ fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct)
         // Read directly: nearer than what the flight tells.
         parameters.retain(|p| p.effect != spec.name);
         parameters.extend(spec.parameters.iter().zip(&found.values).map(|(p, value)| {
-            let half = INTERVAL_SIGMAS * (value * found.relative_sigma.hypot(FORM_SIGMA)).abs();
+            let half = INTERVAL_SIGMAS * WIDENED * (value * found.relative_sigma.hypot(FORM_SIGMA)).abs();
             ParameterValue {
                 effect: spec.name,
                 name: p.key,

@@ -81,10 +81,12 @@ impl Fit {
     }
 
     /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
-    /// parameters; a fraction of the value is added to sigma, in squares.
+    /// parameters that were fitted; sigma is widened by a factor, and a fraction of the value is added to it in squares,
+    /// but for parameters that are themselves the form of a law.
     pub fn effect_parameters(
         &self,
         sigmas: f64,
+        widened: f64,
         fraction: f64,
     ) -> impl Iterator<Item = (usize, usize, f64, [f64; 2])> + '_ {
         let fitted = self.free.iter().enumerate().map(|(i, f)| (f, self.covariance[(i, i)].max(0.0).sqrt()));
@@ -92,7 +94,9 @@ impl Fit {
         fitted.chain(random).filter_map(move |(f, sigma)| {
             let Coordinate::Effect { slot, parameter } = f.at else { return None };
             let value = self.point.get(f.at);
-            let half = sigmas * sigma.hypot(if f.logarithmic { fraction } else { fraction * value });
+            let form = if f.logarithmic { fraction } else { fraction * value };
+            let shapes = self.point.parameter(slot, parameter).default.is_some();
+            let half = sigmas * if shapes { sigma } else { widened * sigma.hypot(form) };
             let own = f.own(value);
             Some((slot, parameter, value, [f.value(own - half), f.value(own + half)]))
         })
@@ -270,7 +274,16 @@ impl<'a> Problem<'a> {
             Coordinate::Nuisance(i) => (base.point.nuisances[i] - f.mean).abs() > BENT_SIGMAS * f.sigma,
             Coordinate::Effect { .. } => false,
         });
-        promises.extend(ranked(&own_numbers, if bent { most } else { most / 3 }));
+        let most = if bent {
+            most
+        } else if base.point.effects.is_empty() {
+            most / 3
+        } else {
+            0
+        };
+        if most > 0 {
+            promises.extend(ranked(&own_numbers, most));
+        }
         promises
     }
 
@@ -316,6 +329,7 @@ impl<'a> Problem<'a> {
                 *start.get_mut(f.at) = f.value(f.own(value));
             }
             let scaled = LIBRARY[effect].parameters.iter().zip(values).map(|(p, value)| match p.neutral {
+                _ if p.default.is_some() => value,
                 Some(neutral) => (neutral + amplitude * (value - neutral)).clamp(p.min, p.max),
                 None => value,
             });
@@ -337,14 +351,14 @@ impl<'a> Problem<'a> {
 
     /// Levenberg-Marquardt on the posterior, noise included, from a start.
     pub fn refine(&self, start: Point, noise: Noise) -> Fit {
-        let mut descent = self.descent(start, noise);
+        let mut descent = self.descent(start, noise, usize::MAX);
         descent.go(self, MAX_PASSES);
         descent.into_fit()
     }
 
-    /// A fit that has not begun.
-    pub(crate) fn descent(&self, start: Point, noise: Noise) -> Descent {
-        let free = self.free(&start);
+    /// A fit that has not begun. Effects from the given slot on keep their plainest form until it is unfolded.
+    pub(crate) fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
+        let free = self.free(&start, plain_from);
         let here = self.look(start, noise, &free);
         Descent { free, here, damping: FIRST_DAMPING, passes: 1, settled: false }
     }
@@ -407,14 +421,9 @@ impl<'a> Problem<'a> {
         (steps[0], steps[1], worth)
     }
 
-    /// The free coordinates of a point with steps for their derivatives.
-    pub(crate) fn directions(&self, point: &Point) -> Vec<Direction> {
-        directions(&self.free(point), point)
-    }
-
-    /// The coordinates that are fitted: uncertain numbers of the rig, and all parameters of the point's effects whose
-    /// law moves the prediction.
-    pub(crate) fn free(&self, point: &Point) -> Vec<Free> {
+    /// The coordinates that are fitted: uncertain numbers of the rig, and parameters of the point's effects whose law moves
+    /// the prediction: all of those before the given slot, of the others those without a default.
+    fn free(&self, point: &Point, plain_from: usize) -> Vec<Free> {
         let mut free = Vec::new();
         for (i, sigma) in self.sigma.into_iter().enumerate() {
             if sigma > 0.0 {
@@ -431,14 +440,22 @@ impl<'a> Problem<'a> {
         }
         for (slot, (effect, _)) in point.effects.iter().enumerate() {
             if !random::is_random(*effect) {
-                free.extend(effect_coordinates(slot, *effect));
+                let parameters = LIBRARY[*effect].parameters;
+                let shaped = slot < plain_from;
+                free.extend(
+                    effect_coordinates(slot, *effect)
+                        .zip(parameters)
+                        .filter(|(_, p)| shaped || p.default.is_none())
+                        .map(|(f, _)| f),
+                );
             }
         }
         free
     }
 }
 
-fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
+/// Free coordinates with steps for their derivatives.
+pub(crate) fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
     free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect()
 }
 
@@ -478,9 +495,20 @@ impl Descent {
         }
     }
 
-    /// Whether more passes are worth it.
-    pub(crate) fn settled(&self) -> bool {
-        self.settled
+    /// Frees the parameters that give effects another than their plainest form.
+    pub(crate) fn unfold(&mut self, problem: &Problem<'_>) {
+        let free = problem.free(&self.here.point, usize::MAX);
+        if free.len() > self.free.len() {
+            self.here = problem.look(self.here.point.clone(), self.here.noise, &free);
+            self.free = free;
+            self.passes += 1;
+            self.settled = false;
+        }
+    }
+
+    /// The effects of the hypothesis.
+    pub(crate) fn effects(&self) -> Vec<usize> {
+        self.here.point.effects.iter().map(|(effect, _)| *effect).collect()
     }
 
     /// Logarithm of the evidence here.
@@ -490,8 +518,9 @@ impl Descent {
 
     fn step(&mut self, problem: &Problem<'_>) -> bool {
         let here = &mut self.here;
-        let Some(step) = damped_step(&here.hessian, &here.gradient, self.damping) else { return false };
-        let worth = 0.5 * here.gradient.dot(&step) + here.noise_step.2;
+        let (hessian, gradient) = within_ranges(&self.free, here);
+        let Some(step) = damped_step(&hessian, &gradient, self.damping) else { return false };
+        let worth = 0.5 * gradient.dot(&step) + here.noise_step.2;
         if worth < WORTH {
             return false;
         }
@@ -519,6 +548,21 @@ impl Descent {
     pub(crate) fn into_fit(self) -> Fit {
         self.here.into_fit(self.free)
     }
+}
+
+/// Hessian and gradient of a point, in which coordinates that stand at an end of their range and would leave it are held.
+fn within_ranges(free: &[Free], here: &Look) -> (DMatrix<f64>, DVector<f64>) {
+    let (mut hessian, mut gradient) = (here.hessian.clone(), here.gradient.clone());
+    for (i, f) in free.iter().enumerate() {
+        let value = here.point.get(f.at);
+        if value <= f.range.0 && gradient[i] < 0.0 || value >= f.range.1 && gradient[i] > 0.0 {
+            hessian.row_mut(i).fill(0.0);
+            hessian.column_mut(i).fill(0.0);
+            hessian[(i, i)] = 1.0;
+            gradient[i] = 0.0;
+        }
+    }
+    (hessian, gradient)
 }
 
 /// A point of the posterior with its derivatives.
@@ -637,6 +681,7 @@ pub(crate) fn start_values(effect: usize) -> Vec<Vec<f64>> {
     let mut grid: Vec<Vec<f64>> = vec![Vec::new()];
     for p in LIBRARY[effect].parameters {
         let values: Vec<f64> = match (p.prior, p.neutral) {
+            _ if p.default.is_some() => p.default.into_iter().collect(),
             (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
             (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],
             (Prior::LogNormal { median, sigma_ln }, _) => {

@@ -4,7 +4,7 @@
 use bench_plant::effects::LIBRARY;
 
 use crate::{
-    fit::{Fit, Problem, project, start_values},
+    fit::{Fit, Problem, directions, project, start_values},
     pass::{Direction, run},
     random::is_random,
 };
@@ -32,7 +32,7 @@ pub fn cosines(
     if is_random(fitted.0) {
         return Vec::new();
     }
-    let mut directions = problem.directions(&null.point);
+    let mut directions = directions(&null.free, &null.point);
     directions.push(Direction::Added(fitted.0, fitted.1.clone()));
     let mut owners = Vec::new();
     for other in others.iter().filter(|other| **other != fitted.0 && !is_random(**other)) {

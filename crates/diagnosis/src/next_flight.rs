@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use crate::{
     diagnose::Candidate,
-    fit::{Fit, Free, Problem},
+    fit::{Fit, Free, Problem, directions},
     law::{BIAS, LATENCY, Point},
     pass::{Noise, Pass, run},
     random::{self, is_random},
@@ -285,7 +285,8 @@ fn fit(problem: &Problem<'_>, null: &Fit, effects: &[usize]) -> Fit {
             problem.promises(&fit, &[*effect], 1).into_iter().map(|promise| promise.start).collect();
         if starts.is_empty() {
             // These flights do not feel it at all: what is thought of it beforehand.
-            let typical = LIBRARY[*effect].parameters.iter().map(|p| p.prior.typical()).collect();
+            let typical =
+                LIBRARY[*effect].parameters.iter().map(|p| p.default.unwrap_or(p.prior.typical())).collect();
             let mut start = fit.point.clone();
             start.effects.push((*effect, typical));
             starts.push(start);
@@ -450,7 +451,7 @@ fn expect(
     let own = |point: &Point| DVector::from_iterator(free.len(), free.iter().map(|f| f.own(point.get(f.at))));
     let mode = own(&fit.point);
     let look = |point: Point| {
-        let pass = run(tracks, problem.rig, &point, noise, &problem.directions(&point));
+        let pass = run(tracks, problem.rig, &point, noise, &directions(free, &point));
         let moved = own(&point) - &mode;
         let pull = before * &moved;
         let slopes = DVector::from_iterator(free.len(), free.iter().map(|f| f.slope(point.get(f.at))));

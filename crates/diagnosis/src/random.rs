@@ -70,35 +70,66 @@ const ROUNDS: usize = 3;
 /// Adds a random effect to a fit: its noise, and the numbers that the fit without it may have bent to do its work, in
 /// turn. `None` if no size of it is better than none.
 pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit> {
-    let on_top =
-        OnTop { problem, effect, own: effect_coordinates(base.point.effects.len(), effect).collect() };
-    let (noise, start) = on_top.coarse(base)?;
-    let mut fit = on_top.descend(base, noise, start);
-    for _ in 0..ROUNDS {
-        let numbers = problem.refine(fit.point.clone(), fit.noise);
-        let gained = fit.objective - numbers.objective;
-        if gained < SETTLED_NATS {
-            break;
-        }
-        let mut base = numbers;
-        let values = base.point.effects.pop().map(|(_, values)| values).unwrap_or_default();
-        let start = on_top.own.iter().zip(values).map(|(f, value)| f.own(value)).collect();
-        fit = on_top.descend(&base, base.noise, start);
-    }
-    Some(fit)
+    let on_top = OnTop::new(problem, base, &[effect]);
+    let (noise, start) = on_top.coarse(base, effect)?;
+    Some(on_top.settle(base, noise, start))
 }
 
-/// A random effect on top of a fit.
+/// Adds two random effects to a fit, from where each alone was found to fit best.
+pub fn fit_with_both(problem: &Problem<'_>, base: &Fit, alone: [&Fit; 2]) -> Fit {
+    let effects = alone.map(|fit| fit.point.effects[base.point.effects.len()].0);
+    let on_top = OnTop::new(problem, base, &effects);
+    let values = alone.iter().flat_map(|fit| fit.point.effects.iter().skip(base.point.effects.len()));
+    let values = values.flat_map(|(_, values)| values);
+    let start = on_top.own.iter().zip(values).map(|(f, value)| f.own(*value)).collect();
+    // Each alone may have left the other's work to the noise.
+    let [a, b] = alone.map(|fit| fit.noise);
+    let noise = Noise {
+        turbulence: a.turbulence.min(b.turbulence),
+        sighting_m: a.sighting_m.min(b.sighting_m),
+        ..base.noise
+    };
+    on_top.settle(base, noise, start)
+}
+
+/// Random effects on top of a fit.
 struct OnTop<'a> {
     problem: &'a Problem<'a>,
-    effect: usize,
+    effects: Vec<usize>,
     own: Vec<Free>,
 }
 
-impl OnTop<'_> {
+impl<'a> OnTop<'a> {
+    fn new(problem: &'a Problem<'a>, base: &Fit, effects: &[usize]) -> Self {
+        let below = base.point.effects.len();
+        let own = effects.iter().enumerate().flat_map(|(i, effect)| effect_coordinates(below + i, *effect));
+        Self { problem, effects: effects.to_vec(), own: own.collect() }
+    }
+
+    /// The fit from a start: noise, and the numbers under it, in turn.
+    fn settle(&self, base: &Fit, noise: Noise, start: Vec<f64>) -> Fit {
+        let below = base.point.effects.len();
+        let mut fit = self.descend(base, noise, start);
+        for _ in 0..ROUNDS {
+            let mut numbers = self.problem.refine(fit.point.clone(), fit.noise);
+            if fit.objective - numbers.objective < SETTLED_NATS {
+                break;
+            }
+            let on_top = numbers.point.effects.split_off(below);
+            let values = on_top.iter().flat_map(|(_, values)| values);
+            let start = self.own.iter().zip(values).map(|(f, value)| f.own(*value)).collect();
+            fit = self.descend(&numbers, numbers.noise, start);
+        }
+        fit
+    }
+
     fn point(&self, base: &Fit, own: &[f64]) -> Point {
         let mut point = base.point.clone();
-        point.effects.push((self.effect, self.own.iter().zip(own).map(|(f, x)| f.value(*x)).collect()));
+        let mut values = self.own.iter().zip(own).map(|(f, x)| f.value(*x));
+        for effect in &self.effects {
+            let parameters = LIBRARY[*effect].parameters.len();
+            point.effects.push((*effect, values.by_ref().take(parameters).collect()));
+        }
         point
     }
 
@@ -111,7 +142,7 @@ impl OnTop<'_> {
     }
 
     /// Noise and effect from which to search, if they promise anything.
-    fn coarse(&self, base: &Fit) -> Option<(Noise, Vec<f64>)> {
+    fn coarse(&self, base: &Fit, effect: usize) -> Option<(Noise, Vec<f64>)> {
         let mut grid = vec![Vec::new()];
         for f in &self.own {
             grid = grid
@@ -127,7 +158,7 @@ impl OnTop<'_> {
         }
         // The base's noise was bent to do the effect's work: from what was thought of it before.
         let mut noise = base.noise;
-        match LIBRARY[self.effect].name {
+        match LIBRARY[effect].name {
             "gusts" => noise.turbulence = self.problem.noise.turbulence,
             "tracker-jitter" | "tracker-dropout" => {}
             _ => noise.sighting_m = self.problem.noise.sighting_m,

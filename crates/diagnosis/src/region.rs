@@ -8,7 +8,7 @@ use bench_plant::effects::{LIBRARY, Stage};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::{
-    fit::{Fit, Problem, project},
+    fit::{Fit, Problem, directions, project},
     pass::{Axis, Direction, Hat, Seen, run},
     random::is_random,
 };
@@ -77,7 +77,7 @@ const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
 /// Looks for structure that a fit leaves.
 pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let plain = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &[]);
-    let mut directions = problem.directions(&fit.point);
+    let mut directions = directions(&fit.free, &fit.point);
     let fitted = directions.len();
     let (mut knots_by_axis, mut hat_axes) = (Vec::new(), Vec::new());
     let mut altitudes = Vec::new();

@@ -67,11 +67,16 @@ impl Search {
             })
             .collect();
         let promises = problem.promises(&null, &effects, SINGLES_REFINED);
-        let mut singles = refine(problem, &null, promises);
+        let mut singles = refine(problem, &null, promises, SINGLES_UNFOLDED);
         singles.par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, &null, *effect)));
         singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
 
         // A second effect is worth a look only on top of a first one that is.
+        let seconds = |base: &Fit, effects: &[usize], unfolded: usize| {
+            let promises = problem.promises(base, effects, PAIRS_REFINED);
+            let worth = promises.into_iter().filter(|promise| promise.gain > WORTH_A_SECOND).collect();
+            refine(problem, base, worth, unfolded)
+        };
         let bases: Vec<&Fit> = singles
             .iter()
             .filter(|single| !is_random(single.point.effects[0].0))
@@ -84,9 +89,7 @@ impl Search {
             done.extend(base.effects());
             let others: Vec<usize> =
                 effects.iter().copied().filter(|effect| !done.contains(effect)).collect();
-            let promises = problem.promises(base, &others, PAIRS_REFINED);
-            let worth = promises.into_iter().filter(|promise| promise.gain > WORTH_A_SECOND).collect();
-            pairs.extend(refine(problem, base, worth));
+            pairs.extend(seconds(base, &others, if rank == 0 { SECONDS_UNFOLDED } else { 0 }));
             if rank == 0 {
                 pairs.par_extend(
                     random.par_iter().filter_map(|effect| random::fit_with(problem, base, *effect)),
@@ -94,11 +97,16 @@ impl Search {
             }
         }
         // Under noise that a random effect brings, laws show that the null's own noise would drown or invent.
-        let spread = singles.iter().find(|single| is_random(single.point.effects[0].0));
-        if let Some(base) = spread.filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND) {
-            let promises = problem.promises(base, &effects, PAIRS_REFINED);
-            let worth = promises.into_iter().filter(|promise| promise.gain > WORTH_A_SECOND).collect();
-            pairs.extend(refine(problem, base, worth));
+        let spreads: Vec<&Fit> = singles
+            .iter()
+            .filter(|single| is_random(single.point.effects[0].0))
+            .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
+            .collect();
+        if let Some((first, others)) = spreads.split_first() {
+            pairs.extend(seconds(first, &effects, SECONDS_UNFOLDED));
+            pairs.par_extend(
+                others.par_iter().map(|other| random::fit_with_both(problem, &null, [*first, *other])),
+            );
         }
         let mut fits = vec![null];
         fits.extend(singles);
@@ -126,22 +134,46 @@ impl Search {
 /// Passes after which fits are compared, and nats by which one may be behind the best then to be followed to its end.
 const FIRST_PASSES: usize = 5;
 const FOLLOWED_NATS: f64 = 60.0;
+/// So many of the best single effects are then fitted in other than their plainest form, and of the laws on top of the best
+/// law and of the strongest noise,
+const SINGLES_UNFOLDED: usize = 4;
+const SECONDS_UNFOLDED: usize = 1;
+/// where they are not behind the best by more than that, or than this share of what it gains.
+const FORM_SHARE: f64 = 0.3;
 
 /// Fits starts, with the random effects of what they stand on as those are; of those of one effect, the better fit.
-fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>) -> Vec<Fit> {
+fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfolded: usize) -> Vec<Fit> {
     let mut descents: Vec<Descent> = promises
         .into_par_iter()
         .map(|promise| {
-            let mut descent = problem.descent(promise.start, base.noise);
+            let mut descent = problem.descent(promise.start, base.noise, base.point.effects.len());
             descent.go(problem, FIRST_PASSES);
             descent
         })
         .collect();
-    let best = descents.iter().map(Descent::log_evidence).fold(f64::MIN, f64::max);
-    descents
-        .par_iter_mut()
-        .filter(|descent| !descent.settled() && descent.log_evidence() > best - FOLLOWED_NATS)
-        .for_each(|descent| descent.go(problem, MAX_PASSES));
+    descents.sort_by(|a, b| b.log_evidence().total_cmp(&a.log_evidence()));
+    let best = descents.first().map_or(0.0, Descent::log_evidence);
+    let worth_another_form = best - FOLLOWED_NATS.max(FORM_SHARE * (best - base.log_evidence));
+    let mut leading: Vec<Vec<usize>> = Vec::new();
+    let unfolded: Vec<bool> = descents
+        .iter()
+        .map(|descent| {
+            let effects = descent.effects();
+            let leads = leading.len() < most_unfolded
+                && !leading.contains(&effects)
+                && descent.log_evidence() > worth_another_form;
+            leading.extend(leads.then_some(effects));
+            leads
+        })
+        .collect();
+    descents.par_iter_mut().zip(unfolded).for_each(|(descent, unfolded)| {
+        if unfolded {
+            descent.unfold(problem);
+        }
+        if unfolded || descent.log_evidence() > best - FOLLOWED_NATS {
+            descent.go(problem, MAX_PASSES);
+        }
+    });
     let with_base = |fit: Fit| Fit {
         log_evidence: fit.log_evidence + base.random_ln,
         random: base.random.clone(),

@@ -16,7 +16,7 @@ use crate::{
 
 /// Laws of another form leave some structure even where their cause is named rightly: so many nats are forgiven before a
 /// gap counts as unexplained, and this share of the winner's own gain.
-const FORGIVEN_NATS: f64 = 9.0;
+const FORGIVEN_NATS: f64 = 7.0;
 const FORGIVEN_SHARE: f64 = 0.2;
 /// Forgiven where nothing is named: flights without an effect leave next to nothing,
 const FORGIVEN_NONE_NATS: f64 = 3.5;
@@ -28,15 +28,17 @@ const FORGIVEN_PULSES_NATS: f64 = 18.0;
 /// form: a law on top of a law,
 const SECOND_LAW: (f64, f64) = (4.0, 0.105);
 /// or so many nats and times what the first is seen to leave along its own quantities, where that is less;
-const FORM_SEEN: (f64, f64) = (6.0, 4.0);
+const FORM_SEEN: (f64, f64) = (3.0, 2.0);
 /// noise on top of a law, which takes in whatever the law leaves,
-const SECOND_NOISE: (f64, f64) = (8.0, 0.15);
+const SECOND_NOISE: (f64, f64) = (8.0, 0.1);
 /// readings that stand still or lie far off on top of a law,
-const SECOND_READINGS: (f64, f64) = (20.0, 0.2);
+const SECOND_READINGS: (f64, f64) = (20.0, 0.25);
 /// a law on top of noise, whose size the law hardly bends,
-const LAW_ON_NOISE: (f64, f64) = (4.0, 0.012);
+const LAW_ON_NOISE: (f64, f64) = (2.0, 0.002);
 /// a law on top of gusts, which are never quite the model's,
 const LAW_ON_GUSTS: (f64, f64) = (5.0, 0.7);
+/// two kinds of noise, which spread sightings each in its own way,
+const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.01);
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
 const SECOND_BESIDE_CHANNEL_NATS: f64 = 6.0;
 /// In doubt, evidence counts so many times less.
@@ -53,7 +55,7 @@ const FORM_BELIEVED: f64 = 0.7;
 const FORM_LEFT_OF_GAIN: f64 = 0.4;
 /// A law over thrust alone, of which flights see a small range, is smooth there: both shares are less.
 const SMOOTH: &str = "thrust-curve";
-const SMOOTH_LEFT_OF_GAIN: f64 = 0.1;
+const SMOOTH_LEFT_OF_GAIN: f64 = 0.05;
 
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
@@ -311,7 +313,7 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize]) -> f64 {
     let (nats, share) = if !is_random(noise) {
         SECOND_LAW
     } else if is_random(law) {
-        SECOND_NOISE
+        NOISE_ON_NOISE
     } else if search.alone(&[noise]) >= search.alone(&[law]) {
         if LIBRARY[noise].name == "gusts" { LAW_ON_GUSTS } else { LAW_ON_NOISE }
     } else if ["tracker-dropout", "tracker-outliers"].contains(&LIBRARY[noise].name) {

@@ -83,6 +83,55 @@ fn effects_are_named_with_parameters_near_those_planted() {
 }
 
 #[test]
+fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
+    for (text, name, form, planted, plainest) in [
+        ("rotor-lag:time_constant_s=0.12,fall_ratio=3", "rotor-lag", "fall_ratio", 3.0, 1.0),
+        (
+            "battery-load:sag=0.08,time_constant_s=1.5,prompt_share=0.5",
+            "battery-load",
+            "prompt_share",
+            0.5,
+            0.0,
+        ),
+        (
+            "descent-thrust-loss:fraction=0.2,speed_m_s=0.4,exponent=1",
+            "descent-thrust-loss",
+            "exponent",
+            1.0,
+            2.0,
+        ),
+    ] {
+        let diagnosis = diagnose(Some(text));
+        assert_eq!(diagnosis.effects, [name], "{text}: {:#?}", &diagnosis.candidates[..2]);
+        let found = diagnosis.candidates[0].parameters.iter().find(|p| p.name == form).unwrap();
+        // Intervals of 90 %: twice as wide is 3.3 sigma.
+        let half = found.high - found.low;
+        assert!((found.value - planted).abs() < half, "{text}: {found:?}");
+        assert!((found.value - plainest).abs() > 0.5 * (planted - plainest).abs(), "{text}: {found:?}");
+    }
+}
+
+#[test]
+fn two_effects_of_noise_are_both_named() {
+    let nominal = rig();
+    let mut real = nominal.clone();
+    for text in
+        ["tracker-outliers:probability=0.02,sigma_m=0.15", "gusts:sigma_m_s=0.6,correlation_time_s=0.8"]
+    {
+        real.effects.push(parse_effect(text).unwrap());
+    }
+    let tracks: Vec<Track> = MISSIONS
+        .iter()
+        .zip(1..)
+        .map(|(mission, seed)| Track::from_flight(mission, &fly(&real, mission, seed), &nominal).unwrap())
+        .collect();
+    let diagnosis = Diagnosis::of(&Problem::new(&tracks, &nominal), &Calibration::built_in());
+    let mut named = diagnosis.effects.clone();
+    named.sort_unstable();
+    assert_eq!(named, ["gusts", "tracker-outliers"], "{:#?}", &diagnosis.candidates[..3]);
+}
+
+#[test]
 fn flights_that_tell_nothing_are_refused_in_words() {
     let rig = rig();
     let flight = fly(&rig, "climb-040", 1);
@@ -120,6 +169,31 @@ fn what_shows_without_a_model_of_flight_is_named() {
         let diagnosis = diagnose(Some(text));
         assert_eq!(diagnosis.effects, [name], "{text}: {:#?}", diagnosis.candidates);
     }
+}
+
+#[test]
+fn a_clock_of_milliseconds_still_shows_a_pause_every_eighty_iterations() {
+    let rig = rig();
+    let paused = |pause_s: f64| {
+        let tracks: Vec<Track> = MISSIONS
+            .iter()
+            .zip(1..)
+            .map(|(mission, seed)| {
+                let mut track = Track::from_flight(mission, &fly(&rig, mission, seed), &rig).unwrap();
+                for (i, late) in track.lateness_s.iter_mut().enumerate() {
+                    // Up to 1.5 ms either way, evenly, then rounded; and the pause.
+                    let ordinary_s = 1e-3 * ((i * 37 % 51) as f64 - 25.0) * 0.06;
+                    let pause_s = if i % 80 == 40 { pause_s } else { 0.0 };
+                    *late = 1e-3 * (1e3 * (ordinary_s + pause_s)).round();
+                }
+                track
+            })
+            .collect();
+        Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in())
+    };
+    let said = paused(0.013);
+    assert_eq!(said.effects, ["loop-overrun"], "{:#?}", &said.candidates[..2]);
+    assert_eq!(paused(0.0).verdict, Verdict::None);
 }
 
 #[test]

@@ -51,7 +51,7 @@ fn what(out: &mut String, diagnosis: &Diagnosis) {
     for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {
         let _ = writeln!(out, "  {}: {}", effect.name, effect.summary);
         let fitted = diagnosis.candidates.first().into_iter().flat_map(|candidate| &candidate.parameters);
-        for p in fitted.filter(|p| p.effect == effect.name) {
+        for p in fitted.filter(|p| p.effect == effect.name && told::tells(p)) {
             let _ = writeln!(out, "    {}", parameter(p));
         }
     }

@@ -1,6 +1,6 @@
 //! What terminal and page say in the same words.
 
-use bench_diagnosis::{Diagnosis, Figure, Number, RegionTold, Verdict};
+use bench_diagnosis::{Diagnosis, Figure, Number, ParameterValue, RegionTold, Verdict};
 use bench_page::digits;
 use bench_plant::effects::{EffectSpec, LIBRARY, Parameter};
 use bench_rig::Actuation;
@@ -25,6 +25,12 @@ pub fn spec(effect: &str) -> Option<&'static EffectSpec> {
 /// A parameter of an effect.
 pub fn parameter(effect: &str, key: &str) -> Option<&'static Parameter> {
     spec(effect)?.parameters.iter().find(|parameter| parameter.key == key)
+}
+
+/// Whether a parameter is worth telling: not a form of a law that may as well be its plainest.
+pub fn tells(p: &ParameterValue) -> bool {
+    let default = parameter(p.effect, p.name).and_then(|parameter| parameter.default);
+    default.is_none_or(|plainest| !(p.low..=p.high).contains(&plainest))
 }
 
 /// Effects that look like the named ones, each once.

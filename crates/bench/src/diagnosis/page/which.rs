@@ -57,7 +57,7 @@ fn parameters(out: &mut String, candidates: &[&Candidate]) {
          <th>90 % interval</th><th>unit</th><th class=\"number\">evidence, nats</th></tr></thead><tbody>",
     );
     for candidate in candidates {
-        for (i, p) in candidate.parameters.iter().enumerate() {
+        for (i, p) in candidate.parameters.iter().filter(|p| told::tells(p)).enumerate() {
             let meaning = told::parameter(p.effect, p.name).map_or("", |parameter| parameter.meaning);
             let (name, evidence) = if i == 0 {
                 (candidate.name.replace('+', " + "), told::fixed(candidate.evidence_gain, 1))
@@ -82,7 +82,7 @@ fn parameters(out: &mut String, candidates: &[&Candidate]) {
     card(
         out,
         "Parameters",
-        "As fitted with each candidate; unit 1 is a ratio. Evidence is what the candidate gains over no effect at all.",
+        "As fitted with each candidate; unit 1 is a ratio. Forms of a law that may as well be its plainest are left out. Evidence is what the candidate gains over no effect at all.",
         &content,
     );
 }
