@@ -53,6 +53,7 @@ pub(crate) fn lines(score: &Score) -> Vec<(&'static str, String, String)> {
         ("log score, nats", &score.log_score, 3),
         ("Brier score", &score.brier, 3),
         ("expected calibration error", &score.ece, 3),
+        ("  of right probabilities, by chance", &score.ece_by_chance, 3),
         ("unknown: AUROC", &score.unknown.auroc, 3),
         ("unknown: found at 5 % false", &score.unknown.found_at_5_percent, 2),
         ("closure, effect rightly named (oracle 1)", &score.closure.told, 2),

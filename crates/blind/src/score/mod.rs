@@ -12,6 +12,7 @@ pub(crate) use self::statistics::{mean, median};
 use crate::{
     answers::{Answer, Answers, Verdict},
     cases::{Family, Truth},
+    random,
     seal::{Key, Seal},
 };
 
@@ -62,6 +63,8 @@ pub struct Score {
     pub brier: Figure,
     /// Expected calibration error of the verdict's probability, ten bins of equal mass.
     pub ece: Figure,
+    /// What of that right probabilities would show by chance, so many cases being in a bin: the mean, and where 95 % lie.
+    pub ece_by_chance: Figure,
     /// Those bins.
     pub reliability: Vec<Bin>,
     /// Telling what is outside the library from all else by the probability of `unknown`.
@@ -311,6 +314,7 @@ pub(crate) fn score(seal: &Seal, key: &Key, answers: &Answers) -> Score {
         ece: Figure::of(&confidences(&scored), |cases| {
             calibration_error(&cases.iter().map(|case| **case).collect::<Vec<_>>())
         }),
+        ece_by_chance: error_by_chance(&confidences(&scored)),
         reliability: reliability(&confidences(&scored)),
         unknown: unknown(&scored),
         false_alarms: Rate::of(of(Family::None).map(Scored::alarmed)),
@@ -338,6 +342,15 @@ fn bins(confidences: &[(f64, bool)]) -> Vec<Vec<(f64, bool)>> {
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let edge = |bin: usize| bin * sorted.len() / BINS;
     (0..BINS).map(|bin| sorted[edge(bin)..edge(bin + 1)].to_vec()).filter(|bin| !bin.is_empty()).collect()
+}
+
+/// The calibration error of cases that are right as often as was told.
+fn error_by_chance(confidences: &[(f64, bool)]) -> Figure {
+    Figure::of_draws(confidences.len(), |random| {
+        let drawn: Vec<(f64, bool)> =
+            confidences.iter().map(|(p, _)| (*p, random::happens(random, *p))).collect();
+        calibration_error(&drawn)
+    })
 }
 
 fn calibration_error(confidences: &[(f64, bool)]) -> Option<f64> {
@@ -485,5 +498,20 @@ fn case_score(case: &Scored<'_>) -> CaseScore {
         right: case.right(),
         probability: case.probability(),
         detectability: case.truth.detectability,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn right_probabilities_of_a_half_are_off_by_what_the_binomial_law_says() {
+        // Of 30 in a bin, |share - 1/2| is sqrt(2/(30 pi))/2 = 0.073 in the mean (de Moivre; 1 % less for the discrete law).
+        let by_chance = error_by_chance(&[(0.5, false); 300]);
+        assert!((by_chance.value.unwrap() - 0.0725).abs() < 0.002, "{by_chance:?}");
+        assert!(by_chance.low.unwrap() < 0.05 && by_chance.high.unwrap() > 0.095, "{by_chance:?}");
+        assert_eq!(error_by_chance(&[(1.0, false); 20]).value, Some(0.0));
+        assert_eq!(error_by_chance(&[]).value, None);
     }
 }

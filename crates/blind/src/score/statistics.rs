@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::random;
+use crate::random::{self, Random};
 
 /// How often something happened, with Wilson's interval of 95 %.
 ///
@@ -64,19 +64,23 @@ impl Figure {
     pub(crate) fn of<T>(cases: &[T], figure: impl Fn(&[&T]) -> Option<f64>) -> Self {
         let as_they_are: Vec<&T> = cases.iter().collect();
         let value = figure(&as_they_are);
+        let bootstrap = |random: &mut Random| {
+            value?;
+            let again: Vec<&T> = cases.iter().map(|_| &cases[random::below(random, cases.len())]).collect();
+            figure(&again)
+        };
+        Self { value, ..Self::of_draws(cases.len(), bootstrap) }
+    }
+
+    /// The mean of draws, and where 95 % of them lie.
+    pub(crate) fn of_draws(of: usize, draw: impl Fn(&mut Random) -> Option<f64>) -> Self {
         let mut random = random::stream(0, 0, 0, 0);
-        let mut drawn: Vec<f64> = (0..if value.is_some() { DRAWS } else { 0 })
-            .filter_map(|_| {
-                let again: Vec<&T> =
-                    cases.iter().map(|_| &cases[random::below(&mut random, cases.len())]).collect();
-                figure(&again)
-            })
-            .collect();
+        let mut drawn: Vec<f64> = (0..DRAWS).filter_map(|_| draw(&mut random)).collect();
         drawn.sort_by(f64::total_cmp);
         let at = |share: f64| {
             (!drawn.is_empty()).then(|| drawn[((drawn.len() - 1) as f64 * share).round() as usize])
         };
-        Self { value, low: at(0.025), high: at(0.975), of: cases.len() }
+        Self { value: mean(drawn.iter().copied()), low: at(0.025), high: at(0.975), of }
     }
 }
 
