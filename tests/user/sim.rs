@@ -33,6 +33,36 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
 }
 
 #[test]
+fn effects_in_the_examples_of_the_help_are_ones_that_fly() {
+    let scratch = Scratch::new();
+    let out = scratch.name("f.mcap");
+    let mut tried = 0;
+    for arguments in [["sim", "--help"], ["effects", "--help"], ["effects", "rotor-lag"], ["--help", ""]] {
+        let words = stdout(&bench(arguments.into_iter().filter(|word| !word.is_empty())).assert().success());
+        for example in words.lines().filter(|line| line.trim_start().starts_with("bench sim")) {
+            let Some((_, after)) = example.split_once("--effect ") else { continue };
+            let effect = after.split_whitespace().next().unwrap();
+            let run = bench(["sim", "--effect", effect, "-o", &out, "--force"]).output().unwrap();
+            // Whether the criteria are met (0) or missed (1) is the effect's matter.
+            assert!(matches!(run.status.code(), Some(0 | 1)), "{example}: {run:?}");
+            tried += 1;
+        }
+    }
+    assert!(tried > 0);
+}
+
+#[test]
+fn an_effect_may_leave_out_its_form_but_not_its_size() {
+    let scratch = Scratch::new();
+    let fly = |effect: &str| fs::read(scratch.fly("f.mcap", &["--effect", effect])).unwrap();
+    let plain = fly("rotor-lag:time_constant_s=0.05");
+    let given = fly("rotor-lag:time_constant_s=0.05,fall_ratio=2");
+    assert!(plain != given);
+    let words = refused(bench(["sim", "--effect", "rotor-lag:fall_ratio=2"]), 2);
+    assert!(words.contains("effect rotor-lag needs `time_constant_s`"), "{words}");
+}
+
+#[test]
 fn every_mission_of_the_rig_passes_its_own_criteria() {
     let scratch = Scratch::new();
     for mission in ["climb-040", "hop", "steps", "low-hover", "hold-3d"] {

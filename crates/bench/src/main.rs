@@ -29,8 +29,8 @@ use crate::exit::Exit;
   bench diff recordings/climb-040-0.mcap lag.mcap
   bench hil --port /dev/ttyACM0                the same flight through a real PSoC5, in real time
 
-Exit codes: 0 done (and passed), 1 a check failed, 2 wrong usage or bad input, 3 done with data loss,
-4 device fault or safety stop."
+Exit codes: 0 done (and passed), 1 a check failed, 2 wrong usage or bad input, 3 done with data
+loss, 4 device fault or safety stop."
 )]
 struct Cli {
     #[command(subcommand)]

@@ -19,10 +19,11 @@ use crate::{exit::Exit, files, seen, words};
   bench calibrate places.csv --moving flight/ --reference flight/reference.csv -o kinect.toml
   bench calibrate places.csv --latency-s 0.213 -o kinect.toml --json
 
-The table has a row a place: folder (of recorded frames, beside the table), x_m, y_m, z_m of the marker's
-centre. Name the result in the rig: `calibration = \"kinect.toml\"`. The rig given here lends lenses, marker
-and a first guess of nothing else. Exit code 1 says that 5 mm is not met (RMS of each axis, each place
-foretold by the others, over all places and in each half metre of depth).")]
+The table has a row a place: folder (of recorded frames, beside the table), x_m, y_m, z_m of the
+marker's centre. Name the result in the rig: `calibration = \"kinect.toml\"`. The rig given here
+lends lenses, marker and a first guess of nothing else. Exit code 1 says that 5 mm is not met
+(RMS of each axis, each place foretold by the others, over all places and in each half metre of
+depth).")]
 pub struct Arguments {
     /// Table of places (CSV)
     places: PathBuf,

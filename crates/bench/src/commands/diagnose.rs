@@ -32,15 +32,15 @@ use crate::{
   bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
   bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
 
-Probabilities come from a calibration: one for this rig and these missions if --calibrate made it before,
-else the built-in one.
+Probabilities come from a calibration: one for this rig and these missions if --calibrate made
+it before, else the built-in one.
 
-A rig's own [[effect]] tables are part of the model: flights diagnosed with the rig that --write-rig wrote
-should say `none`.
+A rig's own [[effect]] tables are part of the model: flights diagnosed with the rig that
+--write-rig wrote should say `none`.
 
-The rig is the nominal model with its tolerances. All flights must be of one airframe in one condition;
-more and richer flights (launches, steps, descents, low hover) tell more. docs/diagnosis.md has the method,
-and what it does not do yet.")]
+The rig is the nominal model with its tolerances. All flights must be of one airframe in one
+condition; more and richer flights (launches, steps, descents, low hover) tell more.
+docs/diagnosis.md has the method, and what it does not do yet.")]
 pub struct Arguments {
     #[command(flatten)]
     selection: Selection,

@@ -15,8 +15,8 @@ use crate::{exit::Exit, words};
   bench diff sim.mcap lab.mcap --html diff.html --abs position_m.z=0.02
   bench diff sim.mcap lab.mcap --floor lab-1.mcap lab-2.mcap lab-3.mcap
 
-Exit code 0: the same or within tolerance; 1: different; 2: cannot be compared. docs/diff.md tells the
-rules.")]
+Exit code 0: the same or within tolerance; 1: different; 2: cannot be compared. docs/diff.md
+tells the rules.")]
 pub struct Arguments {
     /// First recording
     a: PathBuf,

@@ -31,7 +31,8 @@ enum Device {
   bench emulate psoc5 --latency-ms 20 --jitter-ms 10 --drop 0.02
   bench emulate psoc5 --link /tmp/psoc5 --unplug 8:2
 
-The port is the first line on standard output. Times in seconds count from when the board was first armed.")]
+The port is the first line on standard output. Times in seconds count from when the board was
+first armed.")]
 struct Psoc5 {
     /// Also make a symbolic link to the port, which stays the same when the board is unplugged and plugged in again
     #[arg(long, value_name = "PATH")]

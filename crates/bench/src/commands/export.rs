@@ -11,8 +11,9 @@ use crate::{exit::Exit, files, words};
   bench export flight.mcap -o flight.xlsx
   bench export flight.mcap -o truth.parquet --channel /plant/truth
 
-The ending of the output decides: .csv, .xlsx or .parquet. Without --channel, one row is one iteration
-of the loop: command, readback, position, estimate, timing and, where simulated, the true state.")]
+The ending of the output decides: .csv, .xlsx or .parquet. Without --channel, one row is one
+iteration of the loop: command, readback, position, estimate, timing and, where simulated, the
+true state.")]
 pub struct Arguments {
     /// Recording
     recording: PathBuf,

@@ -40,9 +40,9 @@ use report::Report;
   bench emulate psoc5 --link /tmp/psoc5 & bench hil --port /tmp/psoc5
   bench hil --rig rigs/transmitter.toml --port /dev/ttyACM0 --exposure-ms 10
 
-`bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a flight. Exit code 1 says that
-the mission's criteria were missed, 4 that a device failed or the flight was stopped; the throttle is at
-rest then.")]
+`bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a
+flight. Exit code 1 says that the mission's criteria were missed, 4 that a device failed or the
+flight was stopped; the throttle is at rest then.")]
 pub struct Arguments {
     /// Serial port of the board
     #[arg(long)]

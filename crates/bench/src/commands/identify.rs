@@ -151,9 +151,10 @@ fn refused_in_words(out: &mut String, refused: &[Refused]) {
   bench identify flight --rig my-quad.toml nominal-*.mcap -o my-quad-identified.toml
   bench identify flight --rig rigs/crazyflie-2.toml --above 0.3 --without readback normal-*.mcap -o normal.toml
 
-The rig's tolerances are the priors: a number without one is taken as exact. What the flights do not tell is said
-and left as it was. Then `bench diagnose --rig my-quad-identified.toml ...` holds other flights against these, with
-the same --above and --without. docs/identify.md has the method.")]
+The rig's tolerances are the priors: a number without one is taken as exact. What the flights do
+not tell is said and left as it was. Then `bench diagnose --rig my-quad-identified.toml ...`
+holds other flights against these, with the same --above and --without. docs/identify.md has the
+method.")]
 struct FlightArguments {
     #[command(flatten)]
     selection: Selection,

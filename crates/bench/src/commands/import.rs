@@ -11,7 +11,8 @@ use crate::{exit::Exit, files, words};
   bench import --map rigs/import/crazypad.toml flight-1.csv -o flight-1.mcap
   bench import --map my-quad.toml --rig my-rig.toml log.csv -o log.mcap --json
 
-docs/import.md says how to write a map. Rows with something wrong in them are counted and told, never used.")]
+docs/import.md says how to write a map. Rows with something wrong in them are counted and told,
+never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,

@@ -17,9 +17,9 @@ use crate::{exit::Exit, files, words};
   bench laws rigs/virtual.toml rigs/virtual-tuned.toml rigs/virtual-model.toml -o docs/results/laws.md
   bench laws rigs/virtual.toml rigs/virtual-model.toml --models 20 --json
 
-The rigs differ in name and [control] alone. Each case draws airframes from the first rig's tolerances, with an
-effect of the library whose size is drawn from its prior, and flies each of them under every law: launch, hold
-0.4 m, land; launch, hover at 3 cm.")]
+The rigs differ in name and [control] alone. Each case draws airframes from the first rig's
+tolerances, with an effect of the library whose size is drawn from its prior, and flies each of
+them under every law: launch, hold 0.4 m, land; launch, hover at 3 cm.")]
 pub struct Arguments {
     /// Rigs whose laws are compared
     #[arg(required = true)]

@@ -41,10 +41,11 @@ use crate::{
   bench paper -o paper/ && xdg-open paper/index.html
   bench paper --rig rigs/virtual.toml --seed 3 -o paper/ --json
 
-It goes the paper's way: readings of an emulated balance, gain and offset from them, the ground effect, a rig with these
-numbers; then flights of the virtual lab in gusty air against that rig's model, open loop and closed. Into the folder go the
-figures as SVG, index.html with the table of what is stated and what was made, the readings, the rig and the recordings.
-Exit code 1 says that something stated was not met.")]
+It goes the paper's way: readings of an emulated balance, gain and offset from them, the ground
+effect, a rig with these numbers; then flights of the virtual lab in gusty air against that
+rig's model, open loop and closed. Into the folder go the figures as SVG, index.html with the
+table of what is stated and what was made, the readings, the rig and the recordings. Exit code 1
+says that something stated was not met.")]
 pub struct Arguments {
     /// Folder for figures, page, readings, rig and recordings
     #[arg(short, long)]

@@ -31,9 +31,10 @@ use crate::{exit::Exit, eyes::Eyes, files, seen, words};
   bench record-frames --positions places.csv --bare
   bench record-frames --mission steps --from-s 5 --seconds 8 -o flight/
 
-With --kinect a real Kinect is recorded, until Ctrl-C or the end of --seconds. With --positions the marker is put where the table says, and each row's frames go to the folder that it
-names, beside the table: what `bench calibrate` reads. With --mission the frames are those of a flight, and
-reference.csv has the marker's true way. A second of frames takes 46 MB.")]
+With --kinect a real Kinect is recorded, until Ctrl-C or the end of --seconds. With --positions
+the marker is put where the table says, and each row's frames go to the folder that it names,
+beside the table: what `bench calibrate` reads. With --mission the frames are those of a flight,
+and reference.csv has the marker's true way. A second of frames takes 46 MB.")]
 pub struct Arguments {
     /// Table of places: CSV with a column `folder` and the marker's centre
     #[arg(long, value_name = "CSV")]

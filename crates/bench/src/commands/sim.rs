@@ -25,7 +25,7 @@ use crate::{
 #[command(after_help = "Examples:
   bench sim
   bench sim --mission hold-3d --seed 7 -o hold.mcap --export hold.xlsx
-  bench sim --mission hop --effect battery-load:sag=0.05,recovery_s=0.5 --json
+  bench sim --mission hop --effect battery-load:sag=0.05,time_constant_s=0.5 --json
   bench sim --frames --views views/
 
 The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the

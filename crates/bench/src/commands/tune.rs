@@ -21,10 +21,11 @@ use crate::{exit::Exit, files, words};
   bench tune --rig my-quad.toml -o my-quad-tuned.toml --html tune.html --altitude 0.5
   bench tune --rig my-quad.toml -o slow.toml --loops altitude --delay-margin 0.4 --activity 0.01
 
-Gains are flown in the virtual lab, by the controller's own code, on a few hundred airframes drawn from the rig's
-tolerances: launch, hold, step. Then they are checked on fresh ones. The rig is written with its comments and its
-order kept; only gains change. Exit code 1 says that a limit is not held, or that fewer than 99 % of the fresh
-airframes hold within --rms; the rig is written all the same. docs/tune.md has the method.")]
+Gains are flown in the virtual lab, by the controller's own code, on a few hundred airframes
+drawn from the rig's tolerances: launch, hold, step. Then they are checked on fresh ones. The
+rig is written with its comments and its order kept; only gains change. Exit code 1 says that a
+limit is not held, or that fewer than 99 % of the fresh airframes hold within --rms; the rig is
+written all the same. docs/tune.md has the method.")]
 pub struct Arguments {
     /// Rig whose gains are tuned: its laws, tolerances, delay and noise
     #[arg(long)]

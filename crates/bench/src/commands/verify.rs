@@ -20,11 +20,12 @@ use crate::{
   bench verify --rig my-quad.toml hop-*.mcap --tolerance 0.03 --html verify.html
   bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo the model is not good enough
 
-Nothing is fitted. A flight is predicted twice: one second ahead from what was seen before, which --tolerance is about,
-and from its throttle alone, from take-off until a closed loop takes over, which --trajectory and --inside are about.
-Exit code 0 says that the model passed, 1 that it did not, 2 that the flights or the rig could not be used.
-docs/model-development.md has the equations; `bench identify flight` finds numbers that predict better, `bench diagnose`
-what the model lacks.")]
+Nothing is fitted. A flight is predicted twice: one second ahead from what was seen before,
+which --tolerance is about, and from its throttle alone, from take-off until a closed loop takes
+over, which --trajectory and --inside are about. Exit code 0 says that the model passed, 1 that
+it did not, 2 that the flights or the rig could not be used. docs/model-development.md has the
+equations; `bench identify flight` finds numbers that predict better, `bench diagnose` what the
+model lacks.")]
 pub struct Arguments {
     /// Recordings of open-loop flights
     #[arg(required = true)]

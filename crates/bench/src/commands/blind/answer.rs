@@ -21,8 +21,8 @@ use crate::{blind_answer, exit::Exit, words};
   bench blind answer blind/ -o answers.json --json | jq -r .sha256
 
 Interrupted, the same command goes on where it stopped: what is done lies beside the answers as
-ANSWERS.unfinished. A case that cannot be diagnosed is answered `failed` with the reason, and counts as wrong.
-Publish the hash before the key is opened.")]
+ANSWERS.unfinished. A case that cannot be diagnosed is answered `failed` with the reason, and
+counts as wrong. Publish the hash before the key is opened.")]
 pub struct AnswerArguments {
     /// Sealed folder
     folder: PathBuf,

@@ -13,9 +13,10 @@ use crate::{exit::Exit, files, words};
   bench blind power --missions rigs/missions/hop.toml rigs/missions/steps.toml --effect rotor-lag --effect gusts
   bench blind power --json > power.json
 
-Flies every form of every effect in seven sizes on drawn airframes, with the blind check's own physics; it takes
-minutes. d' of 2 can be suspected, d' of 5 is plain. Sizes are those from which the median airframe shows it, and
-the range over airframes. docs/blind.md has how d' is computed.")]
+Flies every form of every effect in seven sizes on drawn airframes, with the blind check's own
+physics; it takes minutes. d' of 2 can be suspected, d' of 5 is plain. Sizes are those from
+which the median airframe shows it, and the range over airframes. docs/blind.md has how d' is
+computed.")]
 pub struct PowerArguments {
     /// Rig file
     #[arg(long, default_value = files::DEFAULT_RIG)]

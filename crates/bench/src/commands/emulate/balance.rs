@@ -15,8 +15,9 @@ use crate::{balance::Plan, exit::Exit, files, words};
   bench emulate balance --ground-effect -o ground.csv
   bench emulate balance --throttles 0,1.2,1.5,1.8,2.1 --level full:0 --repeats 5 --noise-g 0.2
 
-The rig's airframe is held still, so that its effects act with a speed of zero: for trying `bench identify thrust` and
-`bench identify ground-effect`. Throttles, altitudes and levels are chosen by the rig where none are given.")]
+The rig's airframe is held still, so that its effects act with a speed of zero: for trying
+`bench identify thrust` and `bench identify ground-effect`. Throttles, altitudes and levels are
+chosen by the rig where none are given.")]
 pub struct Balance {
     /// Rig whose airframe hangs there
     #[arg(long, default_value = files::DEFAULT_RIG)]

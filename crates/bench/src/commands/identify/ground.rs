@@ -19,10 +19,11 @@ use crate::{
   bench identify ground-effect rigs/balance/hubsan-q4-ground.csv --rig with-thrust.toml -o with-ground.toml
   bench identify ground-effect ground.csv --rig my-quad-2.toml --with-shape -o my-quad-3.toml --html ground.html
 
-The table has the columns throttle_v (or as the rig's), altitude_m (or _cm, _mm), reading_g or reading_n, and battery
-where several levels were read. Each throttle gets a free thrust of its own; some altitudes must lie above the effect.
-The linear law is held against the exponential one and Cheeseman and Bennett's by their evidence.
-docs/model-development.md has the way of working and the equations.")]
+The table has the columns throttle_v (or as the rig's), altitude_m (or _cm, _mm), reading_g or
+reading_n, and battery where several levels were read. Each throttle gets a free thrust of its
+own; some altitudes must lie above the effect. The linear law is held against the exponential
+one and Cheeseman and Bennett's by their evidence. docs/model-development.md has the way of
+working and the equations.")]
 pub struct GroundArguments {
     #[command(flatten)]
     balance: Balance,

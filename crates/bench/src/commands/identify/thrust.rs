@@ -20,10 +20,11 @@ use crate::{
   bench identify thrust rigs/balance/hubsan-q4-thrust.csv --rig rigs/virtual.toml -o with-thrust.toml
   bench identify thrust readings.csv --rig my-quad.toml --mounting tared --from 1.2 -o my-quad-2.toml --html thrust.html
 
-The table has the columns throttle_v (or throttle_fraction, throttle_count, as the rig's), reading_g or reading_n, and
-battery where several levels were read. The paper's rig hangs the airframe from the balance: readings at rest tell the
-weight to take off. Next comes `bench identify ground-effect` with the rig that this one writes.
-docs/model-development.md has the way of working and the equations.")]
+The table has the columns throttle_v (or throttle_fraction, throttle_count, as the rig's),
+reading_g or reading_n, and battery where several levels were read. The paper's rig hangs the
+airframe from the balance: readings at rest tell the weight to take off. Next comes `bench
+identify ground-effect` with the rig that this one writes. docs/model-development.md has the way
+of working and the equations.")]
 pub struct ThrustArguments {
     #[command(flatten)]
     balance: Balance,
