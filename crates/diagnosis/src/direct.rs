@@ -495,11 +495,11 @@ fn ticks(tracks: &[Track], out: &mut Direct) {
     let median = all[all.len() / 2];
     let upper = all[all.len() * 3 / 4] - median;
     // The scale of an exponential tail, from its quartile above the median (ln 2 of it), and not below the ordinary; then,
-    // as clocks that count milliseconds blur quartiles, from the mean of all that is not late by that.
+    // as clocks that count milliseconds blur quartiles, from the mean of all that is not late by that, where that is less.
     let late_by = |scale: f64| median + LATE_SCALES * scale;
     let coarse = (upper / std::f64::consts::LN_2).max(ORDINARY_LATENESS_S);
     let above = all.iter().filter(|x| (median..=late_by(coarse)).contains(*x)).map(|x| x - median);
-    let scale = (above.clone().sum::<f64>() / above.count() as f64).max(ORDINARY_LATENESS_S);
+    let scale = (above.clone().sum::<f64>() / above.count() as f64).clamp(ORDINARY_LATENESS_S, coarse);
     let threshold = late_by(scale);
     let late: Vec<f64> = all.iter().filter(|x| **x > threshold).map(|x| x - median).collect();
     if late.is_empty() {

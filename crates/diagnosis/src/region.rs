@@ -55,7 +55,7 @@ impl Waves {
 }
 
 /// Quantities along which another form of an effect's law would show.
-fn own_axes(effect: usize) -> &'static [Axis] {
+pub fn own_axes(effect: usize) -> &'static [Axis] {
     match LIBRARY[effect].name {
         "tracker-scale" | "ground-effect-shape" | "ceiling-effect" | "updraft" => &[Axis::Altitude],
         "ground-effect-dynamic" => &[Axis::Altitude, Axis::Speed],

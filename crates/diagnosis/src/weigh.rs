@@ -10,7 +10,7 @@ use crate::{
     fit::{Fit, Problem},
     pulse::pulses,
     random::is_random,
-    region::{Regions, Waves, regions, waves},
+    region::{Regions, Waves, own_axes, regions, waves},
     search::Search,
 };
 
@@ -369,7 +369,11 @@ fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis]) {
         if is_random(a) || is_random(b) {
             continue;
         }
-        let first = if search.alone(&[a]) >= search.alone(&[b]) { a } else { b };
+        let (first, second) = if search.alone(&[a]) >= search.alone(&[b]) { (a, b) } else { (b, a) };
+        // Along the same quantities, the second may itself be the first's form.
+        if own_axes(first).iter().any(|axis| own_axes(second).contains(axis)) {
+            continue;
+        }
         if let Some((_, form)) = seen.iter().find(|(effect, _)| *effect == first) {
             h.forgiven = h.forgiven.min(SECOND_LAW.0 + FORM_SEEN.0 + FORM_SEEN.1 * form);
         }

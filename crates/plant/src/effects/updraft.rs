@@ -11,48 +11,32 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "updraft",
     stage: Stage::Environment,
     summary: "a steady vertical wind acts through the drag",
-    law: "F_z = Cf speed (1 + gradient (z - 0.5 m))",
+    law: "F_z = Cf speed",
     source: "Beard and McLain, Small Unmanned Aircraft: Theory and Practice, 2012, chapter 4: drag on the velocity through the air",
-    parameters: &[
-        Parameter {
-            key: "speed_m_s",
-            unit: "m/s",
-            meaning: "vertical speed of the air, up",
-            min: -20.0,
-            max: 20.0,
-            prior: Prior::Normal { mean: 0.0, sigma: 0.3 },
-            neutral: Some(0.0),
-            default: None,
-        },
-        Parameter {
-            key: "gradient_per_m",
-            unit: "1/m",
-            meaning: "growth of that speed over altitude, from 0.5 m, relative",
-            min: -2.0,
-            max: 2.0,
-            prior: Prior::Normal { mean: 0.0, sigma: 0.5 },
-            neutral: None,
-            default: Some(0.0),
-        },
-    ],
+    parameters: &[Parameter {
+        key: "speed_m_s",
+        unit: "m/s",
+        meaning: "vertical speed of the air, up",
+        min: -20.0,
+        max: 20.0,
+        prior: Prior::Normal { mean: 0.0, sigma: 0.3 },
+        neutral: Some(0.0),
+        default: None,
+    }],
     build,
 };
 
-/// Where the speed is told, m.
-const MIDDLE_M: f64 = 0.5;
-
 fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    Box::new(Updraft { force_n: values[0] * rig.airframe.drag_n_s_per_m.value, gradient_per_m: values[1] })
+    Box::new(Updraft { force_n: values[0] * rig.airframe.drag_n_s_per_m.value })
 }
 
 struct Updraft {
     force_n: f64,
-    gradient_per_m: f64,
 }
 
 impl Effect for Updraft {
-    fn force(&self, air: &Air, force_n: &mut Vector3<f64>) {
-        force_n.z += self.force_n * (1.0 + self.gradient_per_m * (air.height_m - MIDDLE_M));
+    fn force(&self, _: &Air, force_n: &mut Vector3<f64>) {
+        force_n.z += self.force_n;
     }
 }
 
@@ -68,16 +52,5 @@ mod tests {
         effect("updraft", &[0.5]).force(&air(1.0, 0.0), &mut force_n);
         // 0.012 N s/m of drag.
         assert!((force_n - Vector3::new(0.0, 0.0, 0.006)).norm() < 1e-15);
-    }
-
-    #[test]
-    fn the_wind_may_change_over_altitude() {
-        let updraft = effect("updraft", &[0.5, 0.4]);
-        let at = |height_m| {
-            let mut force_n = Vector3::zeros();
-            updraft.force(&air(height_m, 0.0), &mut force_n);
-            force_n.z
-        };
-        assert!((at(1.5) / at(0.5) - 1.4).abs() < 1e-12);
     }
 }
