@@ -3,9 +3,12 @@
 use bench_device::Sticks;
 use bench_rig::Rig;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::TwoLags};
+use super::{
+    Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
+    lag::{SECOND_SHARE, TwoLags},
+};
 
-/// All four sticks pass a first-order lag.
+/// All four sticks pass a lag, of first order or nearly.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "actuator-lag",
     stage: Stage::Actuator,
@@ -23,16 +26,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: Some(0.0),
             default: None,
         },
-        Parameter {
-            key: "second_share",
-            unit: "1",
-            meaning: "share of it that is a second lag, behind the first",
-            min: 0.0,
-            max: 0.45,
-            prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
-            neutral: None,
-            default: Some(0.0),
-        },
+        SECOND_SHARE,
     ],
     build,
 };

@@ -1,5 +1,7 @@
 //! First-order responses, exact over a step of any length during which their input is held.
 
+use super::{Parameter, Prior};
+
 /// Mean of `e^-s` for `s` from 0 to `x`: one at zero, zero at infinity.
 #[inline]
 pub(super) fn mean_decay(x: f64) -> f64 {
@@ -46,55 +48,60 @@ impl Lag {
 /// Two lags in series, `x1' = (target - x1)/tau1`, `x2' = (x1 - x2)/tau2`, seen at the second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TwoLags {
-    rates_per_s: [f64; 2],
-    /// What the first still has to go comes through the second so much larger, for it is the slower one.
-    through: f64,
-    states: [f64; 2],
+    first: Lag,
+    second_s: f64,
+    state: f64,
 }
+
+/// How much of a time constant is the second lag's, where a law has one.
+pub(super) const SECOND_SHARE: Parameter = Parameter {
+    key: "second_share",
+    unit: "1",
+    meaning: "share of the time constant that is a second lag, behind the first",
+    min: 0.0,
+    max: 0.45,
+    prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
+    neutral: None,
+    default: Some(0.0),
+};
 
 impl TwoLags {
     /// Lags whose time constants add up to `time_constant_s`, `second_share` of it (less than a half) the second's.
     pub(super) fn new(time_constant_s: f64, second_share: f64, state: f64) -> Self {
-        Self {
-            rates_per_s: [1.0 - second_share, second_share].map(|share| (share * time_constant_s).recip()),
-            through: (1.0 - second_share) / (1.0 - 2.0 * second_share),
-            states: [state; 2],
-        }
+        let second_s = second_share * time_constant_s;
+        Self { first: Lag::new(time_constant_s - second_s, state), second_s, state }
     }
 
     /// Whether it will have to go down for `target`.
     #[inline]
     pub(super) fn is_above(&self, target: f64) -> bool {
-        self.states[0] > target
+        self.first.state > target
     }
 
     /// Moves on by `dt_s` towards `target`, at `pace` times the usual rates.
     #[inline]
     pub(super) fn advance(&mut self, dt_s: f64, target: f64, pace: f64) -> Transient {
-        let starts = self.states.map(|state| state - target);
-        if starts == [0.0; 2] || self.rates_per_s[0] == f64::INFINITY {
-            self.states = [target; 2];
-            return Transient { mean: 0.0, mean_square: 0.0 };
+        let dt_s = dt_s * pace;
+        let starts = [self.first.state - target, self.state - target];
+        let first = self.first.advance(dt_s, target);
+        if self.second_s == 0.0 || starts == [0.0; 2] {
+            self.state = self.first.state;
+            return first;
         }
-        let first = dt_s * pace * self.rates_per_s[0];
-        let first_lost = (-first).exp_m1();
-        let through = starts[0] * self.through;
-        self.states = [target + starts[0] * (1.0 + first_lost), target + through * (1.0 + first_lost)];
-        let mean = -through * first_lost / first;
-        let mean_square = 0.5 * through * mean * (2.0 + first_lost);
-        if self.rates_per_s[1] == f64::INFINITY {
-            return Transient { mean, mean_square };
-        }
-        let second = dt_s * pace * self.rates_per_s[1];
-        let second_lost = (-second).exp_m1();
-        let rest = starts[1] - through;
-        self.states[1] += rest * (1.0 + second_lost);
-        let rest_mean = -rest * second_lost / second;
-        let both_lost = first_lost + second_lost + first_lost * second_lost;
+        // What the first still has to go comes through the second so much larger, for it is the slower one; the rest decays as
+        // the second alone (partial fractions).
+        let first_s = self.first.time_constant_s;
+        let larger = first_s / (first_s - self.second_s);
+        let through = larger * starts[0];
+        let mut alone = Lag::new(self.second_s, target + starts[1] - through);
+        let second = alone.advance(dt_s, target);
+        self.state = larger * (self.first.state - target) + alone.state;
+        let both = mean_decay(dt_s / first_s + dt_s / self.second_s);
         Transient {
-            mean: mean + rest_mean,
-            mean_square: mean_square - 2.0 * through * rest * both_lost / (first + second)
-                + 0.5 * rest * rest_mean * (2.0 + second_lost),
+            mean: larger * first.mean + second.mean,
+            mean_square: larger * larger * first.mean_square
+                + 2.0 * through * (starts[1] - through) * both
+                + second.mean_square,
         }
     }
 }
@@ -114,14 +121,14 @@ mod tests {
             mean += part.mean / 1000.0;
             mean_square += part.mean_square / 1000.0;
         }
-        for (a, b) in long.states.into_iter().zip(short.states) {
+        for (a, b) in [(long.first.state, short.first.state), (long.state, short.state)] {
             assert!((a - b).abs() < 1e-9, "{a} {b}");
         }
         assert!((whole.mean - mean).abs() < 1e-9 && (whole.mean_square - mean_square).abs() < 1e-9);
         // Equal time constants would be 1 - (1 + t/tau) e^(-t/tau): these are nearly so.
         let mut even = TwoLags::new(0.2, 0.4999, 0.0);
         even.advance(0.1, 1.0, 1.0);
-        assert!((even.states[1] - (1.0 - 2.0 * (-1.0_f64).exp())).abs() < 1e-3);
+        assert!((even.state - (1.0 - 2.0 * (-1.0_f64).exp())).abs() < 1e-3);
 
         let (mut one, mut two) = (Lag::new(0.05, 1.0), TwoLags::new(0.05, 0.0, 1.0));
         for target in [3.0, 2.0, 2.0] {

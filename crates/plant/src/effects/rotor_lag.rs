@@ -2,7 +2,10 @@
 
 use bench_rig::Rig;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::TwoLags};
+use super::{
+    Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
+    lag::{SECOND_SHARE, TwoLags},
+};
 
 /// The rotor's speed follows the commanded one with a lag of first order, or nearly; faster up than down, or not.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -32,16 +35,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: None,
             default: Some(1.0),
         },
-        Parameter {
-            key: "second_share",
-            unit: "1",
-            meaning: "share of it that is a second lag, behind the first",
-            min: 0.0,
-            max: 0.45,
-            prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
-            neutral: None,
-            default: Some(0.0),
-        },
+        SECOND_SHARE,
     ],
     build,
 };

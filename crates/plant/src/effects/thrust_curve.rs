@@ -25,7 +25,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         Parameter {
             key: "cubic",
             unit: "1",
-            meaning: "curvature of that curvature d",
+            meaning: "coefficient d of the cubic part",
             min: -1.0,
             max: 1.0,
             prior: Prior::Normal { mean: 0.0, sigma: 0.1 },
