@@ -15,8 +15,8 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
-const GENERATION: &str = "bench.calibration/3";
-/// Fewest sets that show how often one in fifty is.
+const GENERATION: &str = "bench.calibration/4";
+/// Fewest sets that show a tail of false alarms.
 const LEAST_SETS: usize = 50;
 /// Ordinary turbulence, m/s: drawn evenly in the logarithm.
 const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
@@ -80,7 +80,7 @@ pub fn cached(rig: &Rig, missions: &Missions) -> Option<Calibration> {
 /// teaches.
 pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibration> {
     if sets < LEAST_SETS {
-        bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see how often one in fifty is");
+        bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see a tail of false alarms");
     }
     let flown = missions.or_usual()?;
     let bar = ProgressBar::new(sets as u64).with_style(

@@ -8,8 +8,11 @@ use bench_plant::effects::index_of;
 use bench_rig::Rig;
 use serde::Serialize;
 
-use crate::law::known;
-use crate::track::{Pin, Track};
+use crate::{
+    frame_clock::TOGETHER_S,
+    law::known,
+    track::{Pin, Track},
+};
 
 /// What the direct channels say.
 #[derive(Clone, Debug, Default)]
@@ -64,7 +67,7 @@ pub fn direct(tracks: &[Track], rig: &Rig) -> Direct {
     answers(tracks, rig, &mut out);
     ticks(tracks, &mut out);
     frames(tracks, rig, &mut out);
-    arrivals(tracks, &mut out);
+    arrivals(tracks, rig, &mut out);
     // What the rig says is there is no finding.
     let known = known(rig);
     out.effects.retain(|found| known.iter().all(|(effect, _)| *effect != found.effect));
@@ -77,6 +80,12 @@ const CAP: f64 = 30.0;
 const LAW_COST: f64 = 8.0;
 /// Share of its gain that a law of another form may leave unexplained.
 const FORM_SHARE: f64 = 0.3;
+/// Steps of its own that a law has which an output rounds again, as a fraction of the output's: from, to, how many are
+/// tried, and on how many readbacks.
+const FINEST: f64 = 0.2;
+const COARSEST: f64 = 3.0;
+const FINE_STEPS: u32 = 2_000;
+const FINE_PINS: usize = 500;
 /// Fewest flights whose scales are compared, and nats that each one's costs.
 const LEAST_FLIGHTS: usize = 3;
 const SCALE_COST: f64 = 3.0;
@@ -127,6 +136,11 @@ struct Scales {
     spread: f64,
 }
 
+/// Half a squared residual in sigmas, capped.
+fn capped(off: f64, sigma: f64) -> f64 {
+    (0.5 * (off / sigma).powi(2)).min(CAP)
+}
+
 struct PinChannel<'a> {
     rig: &'a Rig,
     flights: Vec<&'a [Pin]>,
@@ -147,8 +161,7 @@ impl PinChannel<'_> {
             } else {
                 (told, self.sigma.hypot(self.step / 12_f64.sqrt()))
             };
-            let e = (pin.readback - at) / sigma;
-            sum += (0.5 * e * e).min(CAP) + (sigma / self.sigma).ln();
+            sum += capped(pin.readback - at, sigma) + (sigma / self.sigma).ln();
         }
         sum
     }
@@ -214,10 +227,8 @@ impl PinChannel<'_> {
             median(above.map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())
         };
         let excess = |pins: &[Pin], scale: f64| {
-            let sizes = pins.iter().map(|pin| {
-                let e = (pin.readback - min - scale * (pin.commanded - min)) / self.sigma;
-                (0.5 * e * e).min(CAP)
-            });
+            let sizes =
+                pins.iter().map(|pin| capped(pin.readback - min - scale * (pin.commanded - min), self.sigma));
             sizes.sum::<f64>()
         };
         let shared = scale(&self.flights.concat())?;
@@ -248,6 +259,31 @@ impl PinChannel<'_> {
                 effect: library("actuator-quantisation"),
                 excess,
                 values: vec![step / range],
+            })
+    }
+
+    /// Steps about as fine as the output's own, which rounds them again: what is told lies one of its steps off now and
+    /// then.
+    fn fine_quantisation(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let output = &self.rig.output;
+        let excess = |pins: &mut dyn Iterator<Item = &Pin>, step: f64| -> f64 {
+            pins.map(|pin| {
+                let told = sticks.min + step * ((pin.asked - sticks.min) / step).round();
+                capped(pin.readback - output.expected_on_the_pin(sticks, told), self.sigma)
+            })
+            .sum()
+        };
+        let pins = || self.flights.iter().flat_map(|pins| pins.iter());
+        let stride = pins().count().div_ceil(FINE_PINS);
+        (0..FINE_STEPS)
+            .map(|i| self.step * FINEST * (COARSEST / FINEST).powf(f64::from(i) / f64::from(FINE_STEPS - 1)))
+            .map(|step| (excess(&mut pins().step_by(stride), step), step))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, step)| PinLaw {
+                effect: library("actuator-quantisation"),
+                excess: excess(&mut pins(), step),
+                values: vec![step / (sticks.max - sticks.min)],
             })
     }
 
@@ -391,6 +427,7 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let mut laws: Vec<PinLaw> = [
         channel.saturation(),
         channel.quantisation(),
+        channel.fine_quantisation(),
         channel.levels(),
         channel.lag(),
         channel.backlash(false),
@@ -572,8 +609,12 @@ fn frames(tracks: &[Track], rig: &Rig, out: &mut Direct) {
 /// Spread of arrivals about a regular clock that any bus has, s.
 const ORDINARY_JITTER_S: f64 = 0.0018;
 
-fn arrivals(tracks: &[Track], out: &mut Direct) {
+/// Share of frames that come with the one before, from which on they wait in a queue.
+const QUEUED: f64 = 0.1;
+
+fn arrivals(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let (mut n, mut fast, mut slow, mut wait) = (0.0, 0.0, 0.0, 0.0);
+    let (mut together, mut own_s) = (0.0, 0.0);
     for track in tracks {
         if track.waits_s.len() < 50 {
             continue;
@@ -582,8 +623,20 @@ fn arrivals(tracks: &[Track], out: &mut Direct) {
         let mean = waits.iter().sum::<f64>() / waits.len() as f64;
         wait += waits.iter().sum::<f64>();
         n += waits.len() as f64;
-        fast += waits.windows(2).map(|w| 0.5 * (w[1] - w[0]).powi(2)).sum::<f64>();
         slow += waits.iter().map(|w| (w - mean).powi(2)).sum::<f64>();
+        for w in waits.windows(2) {
+            fast += 0.5 * (w[1] - w[0]).powi(2);
+            // What the frame before leaves of its wait when the next is exposed, that one waits too; then its own, which
+            // does not remember how long it has lasted.
+            let rest = w[0] - rig.tracker.frame_period_s;
+            if rest <= 0.0 {
+                own_s += w[1];
+            } else if w[1] - rest < TOGETHER_S {
+                together += 1.0;
+            } else {
+                own_s += w[1] - rest - TOGETHER_S;
+            }
+        }
     }
     if n < 100.0 {
         return;
@@ -594,16 +647,17 @@ fn arrivals(tracks: &[Track], out: &mut Direct) {
         if ratio > 1.0 { n * (0.5 * (ratio * ratio - 1.0) - ratio.ln()) - LAW_COST } else { 0.0 }
     };
     // Waits that do not remember one another: a queue. Waits that do: a latency that moves.
-    if gain(fast) > 0.0 && fast > 0.6 * slow {
+    let queued = together > QUEUED * n;
+    if gain(fast) > 0.0 && (queued || fast > 0.6 * slow) {
         out.findings.push(Finding {
             channel: "arrivals",
-            text: format!("frames arrive {:.1} ms (one sigma) off a regular clock", 1e3 * fast),
+            text: format!("frames arrive {:.1} ms (one sigma) off a regular clock", 1e3 * slow),
         });
         out.effects.push(DirectEffect {
             effect: library("tracker-jitter"),
             channel: "arrivals",
             gain: gain(fast).min(MOST_DIRECT),
-            values: vec![fast],
+            values: vec![if queued { own_s / (n - together) } else { fast }],
             relative_sigma: 0.05,
         });
     } else if gain(slow) > 0.0 {

@@ -72,7 +72,7 @@ pub struct Free {
 impl Fit {
     /// The effects' library indices.
     pub fn effects(&self) -> Vec<usize> {
-        self.point.effects.iter().map(|(effect, _)| *effect).collect()
+        self.point.effect_indices()
     }
 
     /// Noise with what the point's random effects add.
@@ -422,7 +422,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The coordinates that are fitted: uncertain numbers of the rig, and parameters of the point's effects whose law moves
-    /// the prediction: all of those before the given slot, of the others those without a default.
+    /// the prediction: all of those before the given slot, of the others those that do not have their default.
     fn free(&self, point: &Point, plain_from: usize) -> Vec<Free> {
         let mut free = Vec::new();
         for (i, sigma) in self.sigma.into_iter().enumerate() {
@@ -438,14 +438,14 @@ impl<'a> Problem<'a> {
                 });
             }
         }
-        for (slot, (effect, _)) in point.effects.iter().enumerate() {
+        for (slot, (effect, values)) in point.effects.iter().enumerate() {
             if !random::is_random(*effect) {
                 let parameters = LIBRARY[*effect].parameters;
                 let shaped = slot < plain_from;
                 free.extend(
                     effect_coordinates(slot, *effect)
-                        .zip(parameters)
-                        .filter(|(_, p)| shaped || p.default.is_none())
+                        .zip(parameters.iter().zip(values))
+                        .filter(|(_, (p, value))| shaped || p.default != Some(**value))
                         .map(|(f, _)| f),
                 );
             }
@@ -508,7 +508,7 @@ impl Descent {
 
     /// The effects of the hypothesis.
     pub(crate) fn effects(&self) -> Vec<usize> {
-        self.here.point.effects.iter().map(|(effect, _)| *effect).collect()
+        self.here.point.effect_indices()
     }
 
     /// Logarithm of the evidence here.
@@ -676,11 +676,15 @@ fn amplitudes(effect: usize) -> (f64, f64) {
 }
 
 /// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
-/// their prior.
+/// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no size at
+/// which it is like what acts late.
 pub(crate) fn start_values(effect: usize) -> Vec<Vec<f64>> {
     let mut grid: Vec<Vec<f64>> = vec![Vec::new()];
     for p in LIBRARY[effect].parameters {
         let values: Vec<f64> = match (p.prior, p.neutral) {
+            (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
+                vec![mean, mean + sigma]
+            }
             _ if p.default.is_some() => p.default.into_iter().collect(),
             (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
             (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],

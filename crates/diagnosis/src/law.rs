@@ -105,6 +105,11 @@ impl Point {
         self.known.iter().chain(&self.effects)
     }
 
+    /// Library indices of the hypothesis' effects.
+    pub fn effect_indices(&self) -> Vec<usize> {
+        self.effects.iter().map(|(effect, _)| *effect).collect()
+    }
+
     /// The thrust gain, N per unit of throttle: where a rig says how well the throttle that hovers is known, that which
     /// carries the weight there.
     pub fn gain_n_per_unit(&self, rig: &Rig) -> f64 {

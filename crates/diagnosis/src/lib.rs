@@ -13,6 +13,7 @@ mod calibration;
 mod diagnose;
 mod direct;
 mod fit;
+mod frame_clock;
 mod gap;
 mod groups;
 mod law;

@@ -19,6 +19,8 @@ const LONGEST_GUST_S: f64 = 4.0;
 const MOST_OUTLIERS: f64 = 0.1;
 /// How much wider than the noise wrong places lie.
 const OUTLIER_SIGMAS: f64 = 4.0;
+/// Nearer than this, beside more noise, they are its tails.
+const TAIL_SIGMAS: f64 = 6.0;
 /// Spread of the charge drawn before a flight, minutes of hover.
 const DRAWN_BEFORE_MIN: f64 = 0.3;
 
@@ -76,12 +78,11 @@ pub fn fit_with(problem: &Problem<'_>, base: &Fit, effect: usize) -> Option<Fit>
 }
 
 /// Adds two random effects to a fit, from where each alone was found to fit best.
-pub fn fit_with_both(problem: &Problem<'_>, base: &Fit, alone: [&Fit; 2]) -> Fit {
-    let effects = alone.map(|fit| fit.point.effects[base.point.effects.len()].0);
-    let on_top = OnTop::new(problem, base, &effects);
-    let values = alone.iter().flat_map(|fit| fit.point.effects.iter().skip(base.point.effects.len()));
-    let values = values.flat_map(|(_, values)| values);
-    let start = on_top.own.iter().zip(values).map(|(f, value)| f.own(*value)).collect();
+/// `None` if they are one.
+pub fn fit_with_both(problem: &Problem<'_>, base: &Fit, alone: [&Fit; 2]) -> Option<Fit> {
+    let [a, b] = alone.map(|fit| fit.point.effects[base.point.effects.len()].clone());
+    let on_top = OnTop::new(problem, base, &[a.0, b.0]);
+    let start = on_top.coordinates(a.1.iter().chain(&b.1));
     // Each alone may have left the other's work to the noise.
     let [a, b] = alone.map(|fit| fit.noise);
     let noise = Noise {
@@ -89,7 +90,64 @@ pub fn fit_with_both(problem: &Problem<'_>, base: &Fit, alone: [&Fit; 2]) -> Fit
         sighting_m: a.sighting_m.min(b.sighting_m),
         ..base.noise
     };
-    on_top.settle(base, noise, start)
+    Some(on_top.settle(base, noise, start)).filter(|fit| !only_tails(fit))
+}
+
+/// Shares of a random effect's size that it may have beside another whose work it did alone, as logarithms.
+const BESIDE_ANOTHER_LN: [f64; 3] = [0.0, -0.3, -0.9];
+
+/// Adds two random effects to a fit where one alone leads and the other alone was not worth a fit: from the best of a grid over
+/// the other and over the size of the first. `None` if that promises nothing over the first.
+pub fn fit_beside(problem: &Problem<'_>, base: &Fit, first: &Fit, other: usize) -> Option<Fit> {
+    let (first_effect, values) = first.point.effects[base.point.effects.len()].clone();
+    let on_top = OnTop::new(problem, base, &[first_effect, other]);
+    let (size, rest) = on_top.own.split_at(values.len());
+    let alone: Vec<f64> = size.iter().zip(&values).map(|(f, value)| f.own(*value)).collect();
+    let (value, start) = BESIDE_ANOTHER_LN
+        .iter()
+        .flat_map(|less| grid(rest).into_iter().map(move |values| (*less, values)))
+        .map(|(less, values)| {
+            let mut start = alone.clone();
+            start[0] += less;
+            start.extend(values);
+            (on_top.objective(base, &first.noise, &start), start)
+        })
+        .min_by(|a, b| a.0.total_cmp(&b.0))?;
+    worth(value, first).then(|| on_top.settle(base, first.noise, start)).filter(|fit| !only_tails(fit))
+}
+
+/// Whether wrong places lie so near that they are but the tails of more noise, which is never quite normal.
+fn only_tails(fit: &Fit) -> bool {
+    let values = |name: &str| {
+        fit.point.effects.iter().find(|(effect, _)| LIBRARY[*effect].name == name).map(|(_, values)| values)
+    };
+    let (Some(noise), Some(outliers)) = (values("tracker-noise"), values("tracker-outliers")) else {
+        return false;
+    };
+    outliers[1] < TAIL_SIGMAS * noise[0].hypot(fit.noise.sighting_m)
+}
+
+/// Whether a search from the best of so coarse a grid may catch up with a fit.
+fn worth(value: f64, with: &Fit) -> bool {
+    value <= with.objective + 15.0 + GRID_LOSS * with.sightings as f64
+}
+
+/// Values of coordinates over their priors, one and a half deviations to either side.
+fn grid(coordinates: &[Free]) -> Vec<Vec<f64>> {
+    let mut grid = vec![Vec::new()];
+    for f in coordinates {
+        grid = grid
+            .into_iter()
+            .flat_map(|head: Vec<f64>| {
+                [-1.5, -0.5, 0.5, 1.5].map(|k| {
+                    let mut next = head.clone();
+                    next.push(f.mean + k * f.sigma);
+                    next
+                })
+            })
+            .collect();
+    }
+    grid
 }
 
 /// Random effects on top of a fit.
@@ -116,11 +174,15 @@ impl<'a> OnTop<'a> {
                 break;
             }
             let on_top = numbers.point.effects.split_off(below);
-            let values = on_top.iter().flat_map(|(_, values)| values);
-            let start = self.own.iter().zip(values).map(|(f, value)| f.own(*value)).collect();
+            let start = self.coordinates(on_top.iter().flat_map(|(_, values)| values));
             fit = self.descend(&numbers, numbers.noise, start);
         }
         fit
+    }
+
+    /// Coordinates of values of the effects' parameters.
+    fn coordinates<'v>(&self, values: impl Iterator<Item = &'v f64>) -> Vec<f64> {
+        self.own.iter().zip(values).map(|(f, value)| f.own(*value)).collect()
     }
 
     fn point(&self, base: &Fit, own: &[f64]) -> Point {
@@ -143,19 +205,6 @@ impl<'a> OnTop<'a> {
 
     /// Noise and effect from which to search, if they promise anything.
     fn coarse(&self, base: &Fit, effect: usize) -> Option<(Noise, Vec<f64>)> {
-        let mut grid = vec![Vec::new()];
-        for f in &self.own {
-            grid = grid
-                .into_iter()
-                .flat_map(|head: Vec<f64>| {
-                    [-1.5, -0.5, 0.5, 1.5].map(|k| {
-                        let mut next = head.clone();
-                        next.push(f.mean + k * f.sigma);
-                        next
-                    })
-                })
-                .collect();
-        }
         // The base's noise was bent to do the effect's work: from what was thought of it before.
         let mut noise = base.noise;
         match LIBRARY[effect].name {
@@ -163,13 +212,11 @@ impl<'a> OnTop<'a> {
             "tracker-jitter" | "tracker-dropout" => {}
             _ => noise.sighting_m = self.problem.noise.sighting_m,
         }
-        let (value, start) = grid
+        let (value, start) = grid(&self.own)
             .into_iter()
             .map(|values| (self.objective(base, &noise, &values), values))
             .min_by(|a, b| a.0.total_cmp(&b.0))?;
-        // So far behind that no search from so coarse a grid makes it up.
-        let sightings = base.sightings as f64;
-        (value <= base.objective + 15.0 + GRID_LOSS * sightings).then_some((noise, start))
+        worth(value, base).then_some((noise, start))
     }
 
     /// A search along each coordinate in turn, noise included; evidence from the curvature along each.

@@ -4,13 +4,12 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
-use bench_plant::effects::{LIBRARY, Stage};
+use bench_plant::effects::LIBRARY;
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::{
     fit::{Fit, Problem, directions, project},
     pass::{Axis, Direction, Hat, Seen, run},
-    random::is_random,
 };
 
 /// A free acceleration over one quantity.
@@ -38,8 +37,14 @@ pub struct Regions {
     /// The part of it that lies along the fitted effects' own quantities: their laws may be of another form.
     pub form: f64,
     /// Offsets of sightings over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
-    /// Those that another form of the fitted effects' laws may bring about are left out.
     pub tracker: Vec<(&'static str, f64)>,
+}
+
+impl Regions {
+    /// The most that an offset of the tracker gains, nats; 0 for none.
+    pub fn offset(&self) -> f64 {
+        self.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max)
+    }
 }
 
 /// Accelerations that swing, each flight with its own size and phase: frequency, Hz, and gain of log-evidence.
@@ -114,18 +119,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     }
     let f = information.view((0, 0), (forces, forces)).into_owned();
     let (ceiling, _) = best_gain(&f, &gradient.rows(0, forces).into_owned(), &WIDTHS);
-    let mut tracker = seen(&information, &gradient, forces, offsets);
-    tracker.retain(|(name, _)| {
-        let like: &[Axis] = match *name {
-            "altitude" => &[Axis::Altitude, Axis::Speed],
-            "thrust" | "latency" => &[Axis::ThrustToWeight, Axis::ThrustChange, Axis::Charge],
-            _ => &[Axis::Charge, Axis::Time],
-        };
-        let explains = |effect: &usize| own_axes(*effect).iter().any(|axis| like.contains(axis));
-        !fit.effects()
-            .iter()
-            .any(|effect| explains(effect) || LIBRARY[*effect].stage == Stage::Tracker || is_random(*effect))
-    });
+    let tracker = seen(&information, &gradient, forces, offsets);
     let own: Vec<usize> = hat_axes
         .iter()
         .enumerate()

@@ -105,8 +105,19 @@ impl Search {
         if let Some((first, others)) = spreads.split_first() {
             pairs.extend(seconds(first, &effects, SECONDS_UNFOLDED));
             pairs.par_extend(
-                others.par_iter().map(|other| random::fit_with_both(problem, &null, [*first, *other])),
+                others.par_iter().filter_map(|other| random::fit_with_both(problem, &null, [*first, *other])),
             );
+            // One that leads may hide another that would explain nothing alone.
+            if is_random(singles[0].point.effects[0].0) {
+                let hidden: Vec<usize> = random
+                    .iter()
+                    .copied()
+                    .filter(|effect| spreads.iter().all(|spread| spread.effects() != [*effect]))
+                    .collect();
+                pairs.par_extend(
+                    hidden.par_iter().filter_map(|effect| random::fit_beside(problem, &null, first, *effect)),
+                );
+            }
         }
         let mut fits = vec![null];
         fits.extend(singles);

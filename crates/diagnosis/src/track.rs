@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use crate::{
     direct::{MEDIAN_OF_NORMAL, median, readback_sigma},
+    frame_clock::FrameClock,
     law::known,
 };
 
@@ -122,7 +123,7 @@ pub enum TrackError {
     },
     /// The throttle never lifts.
     #[error(
-        "{flight}: the throttle never exceeds {offset} {unit}, where the rig's thrust begins: it never flew, or the rig is of another airframe"
+        "{flight}: the throttle never exceeds {offset:.3} {unit}, where the rig's thrust begins: it never flew, or the rig is of another airframe"
     )]
     NeverFlew {
         /// The flight.
@@ -177,7 +178,9 @@ impl Track {
             .positions
             .iter()
             .enumerate()
-            .filter(|(_, position)| usable(position))
+            .filter(|(i, position)| {
+                usable(position) && !clock.as_ref().is_some_and(|clock| clock.doubtful[*i])
+            })
             .map(|(i, position)| Sighting {
                 exposed_s: clock.as_ref().map_or(position.exposed_at.seconds(), |clock| clock.exposed_s[i])
                     - later_s,
@@ -288,7 +291,7 @@ impl Track {
     }
 }
 
-fn usable(position: &PositionSample) -> bool {
+pub(crate) fn usable(position: &PositionSample) -> bool {
     position.status != TrackStatus::Lost && position.position_m[2].is_finite()
 }
 
@@ -476,125 +479,6 @@ fn late_inputs_s(flight: &Flight) -> Vec<f64> {
         .collect()
 }
 
-/// A tracker's frames against a regular clock.
-struct FrameClock {
-    /// When each position was exposed, s: the clock, where one was found.
-    exposed_s: Vec<f64>,
-    waits_s: Vec<f64>,
-    bursts: Vec<usize>,
-    told: usize,
-}
-
-/// Fewest positions that show a clock.
-const LEAST_FRAMES: usize = 30;
-
-impl FrameClock {
-    /// Finds the clock in a flight's arrivals: intervals near whole multiples of the frame period. `None` where frames
-    /// keep none.
-    fn of(flight: &Flight, rig: &Rig, latency_s: f64) -> Option<Self> {
-        let period_s = rig.tracker.frame_period_s;
-        let arrived: Vec<f64> = flight.positions.iter().map(|p| p.arrived_at.seconds()).collect();
-        if arrived.len() < LEAST_FRAMES || period_s <= 0.0 {
-            return None;
-        }
-        let numbers = frame_numbers(&arrived, period_s);
-        // A line through arrival over number; the mean wait is part of it.
-        let n = arrived.len() as f64;
-        let mean_number = numbers.iter().sum::<i64>() as f64 / n;
-        let mean_arrival = arrived.iter().sum::<f64>() / n;
-        let (mut sxy, mut sxx) = (0.0, 0.0);
-        for (number, arrival) in numbers.iter().zip(&arrived) {
-            let dx = *number as f64 - mean_number;
-            sxy += dx * (arrival - mean_arrival);
-            sxx += dx * dx;
-        }
-        let slope = sxy / sxx;
-        if !(slope - period_s).abs().lt(&(0.02 * period_s)) {
-            return None;
-        }
-        let mut waits_s: Vec<f64> = numbers
-            .iter()
-            .zip(&arrived)
-            .map(|(number, arrival)| arrival - mean_arrival - slope * (*number as f64 - mean_number))
-            .collect();
-        // A wait is never negative: the earliest arrivals are those that did not wait. One in ten is earlier by the
-        // bus' own spread.
-        let mut sorted = waits_s.clone();
-        sorted.sort_by(f64::total_cmp);
-        let spread = sorted[sorted.len() / 2] - sorted[sorted.len() / 10];
-        let earliest = sorted[sorted.len() / 10] + spread.min(USUAL_SPREAD_S);
-        for wait in &mut waits_s {
-            *wait -= earliest;
-        }
-        let exposed_s = waits_s
-            .iter()
-            .zip(&flight.positions)
-            .zip(&arrived)
-            .map(|((wait, position), arrival)| {
-                // Only where the tracker's belief is the arrival less a constant.
-                let believed = position.exposed_at.seconds();
-                if (arrival - believed - latency_s).abs() < 1e-3 {
-                    arrival - latency_s - wait
-                } else {
-                    believed
-                }
-            })
-            .collect();
-        let mut bursts = Vec::new();
-        let mut run = 0_usize;
-        let mut last = numbers[0] - 1;
-        let mut told = 0;
-        for (number, position) in numbers.iter().zip(&flight.positions) {
-            run += usize::try_from(number - last - 1).unwrap_or(0);
-            last = *number;
-            if usable(position) {
-                told += 1;
-                if run > 0 {
-                    bursts.push(run);
-                }
-                run = 0;
-            } else {
-                run += 1;
-            }
-        }
-        Some(Self { exposed_s, waits_s, bursts, told })
-    }
-}
-
-/// Numbers of frames from their arrivals. A frame that waited is followed by others that come early; one that was lost
-/// is not: so the numbers skip only what no later arrival makes up for.
-fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
-    // The true period, from spans long enough for jitter not to matter; few of them hold a loss.
-    let span = SPAN_FRAMES.min(arrived.len() - 1);
-    let mut periods: Vec<f64> = arrived
-        .iter()
-        .zip(&arrived[span..])
-        .map(|(first, last)| (last - first) / span as f64)
-        .filter(|period| (period - period_s).abs() < 0.02 * period_s)
-        .collect();
-    periods.sort_by(f64::total_cmp);
-    let period_s = periods.get(periods.len() / 2).copied().unwrap_or(period_s);
-    let mut least = f64::INFINITY;
-    let mut numbers: Vec<i64> = (0_i64..)
-        .zip(arrived)
-        .collect::<Vec<_>>()
-        .into_iter()
-        .rev()
-        .map(|(i, arrival)| {
-            least = least.min((arrival - arrived[0]) / period_s - i as f64);
-            i + (least + 0.25).floor() as i64
-        })
-        .collect();
-    numbers.reverse();
-    numbers
-}
-
-/// Frames over which a period is measured.
-const SPAN_FRAMES: usize = 40;
-
-/// Spread of arrivals that a bus has anyway, from one in ten to the median, s.
-const USUAL_SPREAD_S: f64 = 0.0015;
-
 /// Whether positions come with the commands, at the same instants: then the log holds the newest frame at hand, which
 /// had waited for anything up to a frame period.
 fn holds_newest_frame(flight: &Flight) -> bool {
@@ -610,13 +494,16 @@ const DENSE: f64 = 0.6;
 /// The next frame is taken after this share of the period: rows need not fall on its multiples.
 const DUE: f64 = 0.95;
 
+/// Rows over which their rate is measured: frames that wait for one another come several at once.
+const RATE_ROWS: usize = 20;
+
 /// Time between two rows of a log that holds more rows than the rig's tracker gives independent positions: repeated,
 /// interpolated, or estimates that follow one another.
 fn denser_than_frames(flight: &Flight, rig: &Rig) -> Option<f64> {
-    let mut gaps: Vec<f64> =
-        flight.positions.windows(2).map(|pair| pair[1].exposed_at.since_s(pair[0].exposed_at)).collect();
-    gaps.sort_by(f64::total_cmp);
-    gaps.get(gaps.len() / 2).copied().filter(|median| *median < DENSE * rig.tracker.frame_period_s)
+    let rows = RATE_ROWS.min(flight.positions.len().saturating_sub(1));
+    let spans = flight.positions.iter().zip(flight.positions.get(rows..)?);
+    median(spans.map(|(first, last)| last.exposed_at.since_s(first.exposed_at) / rows as f64).collect())
+        .filter(|median| *median < DENSE * rig.tracker.frame_period_s)
 }
 
 /// Time over which a dense log's speeds are compared, s.

@@ -1,6 +1,6 @@
 //! How hypotheses are weighed against one another: evidence of filter and direct channels, forms, and what is left.
 
-use bench_plant::effects::{LIBRARY, Stage};
+use bench_plant::effects::LIBRARY;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -18,6 +18,8 @@ use crate::{
 /// gap counts as unexplained, and this share of the winner's own gain.
 const FORGIVEN_NATS: f64 = 7.0;
 const FORGIVEN_SHARE: f64 = 0.2;
+/// The same of offsets of the tracker, which laws of another form look less like.
+const FORGIVEN_OFFSETS_SHARE: f64 = 0.1;
 /// Forgiven where nothing is named: flights without an effect leave next to nothing,
 const FORGIVEN_NONE_NATS: f64 = 3.5;
 /// unless their noise was seen to differ from flight to flight: what is not the model's noise differs with it.
@@ -30,17 +32,17 @@ const SECOND_LAW: (f64, f64) = (4.0, 0.105);
 /// or so many nats and times what the first is seen to leave along its own quantities, where that is less;
 const FORM_SEEN: (f64, f64) = (3.0, 2.0);
 /// noise on top of a law, which takes in whatever the law leaves,
-const SECOND_NOISE: (f64, f64) = (8.0, 0.1);
+const SECOND_NOISE: (f64, f64) = (8.0, 0.05);
 /// readings that stand still or lie far off on top of a law,
 const SECOND_READINGS: (f64, f64) = (20.0, 0.25);
 /// a law on top of noise, whose size the law hardly bends,
-const LAW_ON_NOISE: (f64, f64) = (2.0, 0.002);
+const LAW_ON_NOISE: (f64, f64) = (4.0, 0.0005);
 /// a law on top of gusts, which are never quite the model's,
-const LAW_ON_GUSTS: (f64, f64) = (5.0, 0.7);
+const LAW_ON_GUSTS: (f64, f64) = (6.0, 0.2);
 /// two kinds of noise, which spread sightings each in its own way,
-const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.01);
+const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.001);
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
-const SECOND_BESIDE_CHANNEL_NATS: f64 = 6.0;
+const SECOND_BESIDE_CHANNEL_NATS: f64 = 4.0;
 /// In doubt, evidence counts so many times less.
 const DOUBTFUL: f64 = 10.0;
 /// Hypotheses whose forms are looked at: those that others cannot overtake by form are left out.
@@ -351,7 +353,7 @@ fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypoth
         h.gain += FORM_BELIEVED * found.form.min(FORM_NATS + FORM_OF_GAIN * h.gain.max(0.0));
         h.grounds.form = Some(found.form);
         h.grounds.structure = Some(found.ceiling);
-        h.grounds.tracker = Some(found.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max));
+        h.grounds.tracker = Some(found.offset());
         h.regions = Some(found);
     }
 }
@@ -397,7 +399,8 @@ fn unexplained(
 ) -> f64 {
     let on_best = best.regions.as_ref().unwrap_or(on_null);
     let gain = best.gain.max(0.0);
-    let smooth = best.effects.len() == 1 && LIBRARY[best.effects[0]].name == SMOOTH;
+    let mut laws = best.effects.iter().filter(|effect| !is_random(**effect)).peekable();
+    let smooth = laws.peek().is_some() && laws.all(|effect| LIBRARY[*effect].name == SMOOTH);
     let form_left = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORM_LEFT_OF_GAIN };
     let share = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
     let mut structure = on_best.ceiling - on_best.form.min(form_left * gain);
@@ -407,13 +410,12 @@ fn unexplained(
         structure = structure.max(on_null.ceiling);
         wave = wave.max(wave_on_null - 0.5 * gain);
     }
-    // A tracker that is known to be wrong may be so in more than one way; regions know only of what was fitted, not of what was
-    // read directly.
-    let of_tracker = best.effects.iter().any(|effect| LIBRARY[*effect].stage == Stage::Tracker);
-    let tracker = on_best.tracker.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
-    let structure = if of_tracker { structure } else { structure.max(tracker) };
     let left = structure.max(wave).max(0.7 * (structure + wave));
-    let forgiven = if best.effects.is_empty() { forgiven_none } else { FORGIVEN_NATS + share * gain };
-    let flight = left - forgiven;
+    let forgiven = if best.effects.is_empty() { forgiven_none } else { FORGIVEN_NATS };
+    let mut flight = left - forgiven - share * gain;
+    let beyond = on_best.offset() - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
+    if beyond > 0.0 {
+        flight = flight.max(beyond);
+    }
     if direct.unexplained_pins > 0.0 { flight.max(0.0) + direct.unexplained_pins } else { flight }
 }

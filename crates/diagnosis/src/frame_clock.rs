@@ -1,0 +1,308 @@
+//! The regular clock of a tracker's frames, found in their arrivals: when each was exposed, how long it waited, which are
+//! missing.
+
+use bench_recording::Flight;
+use bench_rig::Rig;
+
+use crate::{direct::median, track::usable};
+
+/// A tracker's frames against a regular clock.
+pub(crate) struct FrameClock {
+    /// When each position was exposed, s: the clock, where one was found.
+    pub(crate) exposed_s: Vec<f64>,
+    /// How long each waited.
+    pub(crate) waits_s: Vec<f64>,
+    /// Which may as well be the frame before: waits hide after which of some frames one is missing.
+    pub(crate) doubtful: Vec<bool>,
+    /// Frames missing in a row.
+    pub(crate) bursts: Vec<usize>,
+    /// Frames that told a position.
+    pub(crate) told: usize,
+}
+
+/// Fewest positions that show a clock.
+const LEAST_FRAMES: usize = 30;
+
+impl FrameClock {
+    /// Finds the clock in a flight's arrivals: intervals near whole multiples of the frame period. `None` where frames
+    /// keep none.
+    pub(crate) fn of(flight: &Flight, rig: &Rig, latency_s: f64) -> Option<Self> {
+        let period_s = rig.tracker.frame_period_s;
+        let arrived: Vec<f64> = flight.positions.iter().map(|p| p.arrived_at.seconds()).collect();
+        if arrived.len() < LEAST_FRAMES || period_s <= 0.0 {
+            return None;
+        }
+        let (numbers, slope, waits_s, doubtful) = if median_off_s(&arrived, period_s) > JITTERY * period_s {
+            let numbers = jittery_numbers(&arrived, period_s);
+            let (slope, waits_s) = earliest_line(&numbers, &arrived);
+            let doubtful = after_losses(&numbers, &arrived, &waits_s, period_s);
+            (numbers, slope, waits_s, doubtful)
+        } else {
+            let numbers = frame_numbers(&arrived, period_s);
+            let (slope, mut waits_s) = mean_line(&numbers, &arrived);
+            // A wait is never negative: the earliest arrivals are those that did not wait. One in ten is earlier by the
+            // bus' own spread.
+            let mut sorted = waits_s.clone();
+            sorted.sort_by(f64::total_cmp);
+            let spread = sorted[sorted.len() / 2] - sorted[sorted.len() / 10];
+            let earliest = sorted[sorted.len() / 10] + spread.min(USUAL_SPREAD_S);
+            for wait in &mut waits_s {
+                *wait -= earliest;
+            }
+            let doubtful = vec![false; numbers.len()];
+            (numbers, slope, waits_s, doubtful)
+        };
+        if !(slope - period_s).abs().lt(&(0.02 * period_s)) {
+            return None;
+        }
+        let exposed_s = waits_s
+            .iter()
+            .zip(&flight.positions)
+            .zip(&arrived)
+            .map(|((wait, position), arrival)| {
+                // Only where the tracker's belief is the arrival less a constant.
+                let believed = position.exposed_at.seconds();
+                if (arrival - believed - latency_s).abs() < 1e-3 {
+                    arrival - latency_s - wait
+                } else {
+                    believed
+                }
+            })
+            .collect();
+        let mut bursts = Vec::new();
+        let mut run = 0_usize;
+        let mut last = numbers[0] - 1;
+        let mut told = 0;
+        for (number, position) in numbers.iter().zip(&flight.positions) {
+            run += usize::try_from(number - last - 1).unwrap_or(0);
+            last = *number;
+            if usable(position) {
+                told += 1;
+                if run > 0 {
+                    bursts.push(run);
+                }
+                run = 0;
+            } else {
+                run += 1;
+            }
+        }
+        Some(Self { exposed_s, waits_s, doubtful, bursts, told })
+    }
+}
+
+/// Numbers of frames from their arrivals. A frame that waited is followed by others that come early; one that was lost
+/// is not: so the numbers skip only what no later arrival makes up for.
+fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
+    // The true period, from spans long enough for jitter not to matter; few of them hold a loss.
+    let span = SPAN_FRAMES.min(arrived.len() - 1);
+    let periods = arrived
+        .iter()
+        .zip(&arrived[span..])
+        .map(|(first, last)| (last - first) / span as f64)
+        .filter(|period| (period - period_s).abs() < 0.02 * period_s);
+    let period_s = median(periods.collect()).unwrap_or(period_s);
+    let mut least = f64::INFINITY;
+    let mut numbers: Vec<i64> = (0_i64..)
+        .zip(arrived)
+        .collect::<Vec<_>>()
+        .into_iter()
+        .rev()
+        .map(|(i, arrival)| {
+            least = least.min((arrival - arrived[0]) / period_s - i as f64);
+            i + (least + 0.25).floor() as i64
+        })
+        .collect();
+    numbers.reverse();
+    numbers
+}
+
+/// Frames over which a period is measured.
+const SPAN_FRAMES: usize = 40;
+
+/// Spread of arrivals that a bus has anyway, from one in ten to the median, s.
+const USUAL_SPREAD_S: f64 = 0.0015;
+
+/// From this share of the period, intervals between arrivals are off it by waits that numbers must reckon with.
+const JITTERY: f64 = 0.15;
+/// By how much a period may be off the rig's.
+const PERIOD_OFF: f64 = 0.01;
+/// One sigma of that.
+const PERIOD_SIGMA: f64 = 0.002;
+/// So many are tried at most.
+const MOST_PERIODS: f64 = 5_000.0;
+/// Frames on which it is found.
+const PERIOD_FRAMES: usize = 1000;
+/// A regular clock is known to about this, s.
+const LINE_S: f64 = 0.001;
+/// Frames that come so closely waited for one another, s.
+pub(crate) const TOGETHER_S: f64 = 0.003;
+/// Nats that exclude that a loss came later,
+const DOUBT_NATS: f64 = 5.0;
+/// and that a lost frame costs.
+const LOSS_NATS: f64 = 8.0;
+
+/// How far intervals between arrivals are off the period, the median, s.
+fn median_off_s(arrived: &[f64], period_s: f64) -> f64 {
+    median(arrived.windows(2).map(|pair| (pair[1] - pair[0] - period_s).abs()).collect()).unwrap_or(0.0)
+}
+
+/// Numbers of frames that wait about as long as a period, first come first served: those under the period that makes
+/// exponential waits the most likely.
+fn jittery_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
+    let seen = &arrived[..arrived.len().min(PERIOD_FRAMES)];
+    let steps = (2.0 * PERIOD_OFF * period_s * seen.len() as f64 / LINE_S).ceil().min(MOST_PERIODS);
+    (0..=steps as u32)
+        .map(|i| period_s * (1.0 + PERIOD_OFF * (2.0 * f64::from(i) / steps - 1.0)))
+        .map(|tried_s| {
+            let off = (tried_s / period_s - 1.0) / PERIOD_SIGMA;
+            (numbers_under(seen, tried_s).1 + 0.5 * off * off, tried_s)
+        })
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or_else(Vec::new, |(_, period_s)| numbers_under(arrived, period_s).0)
+}
+
+/// Numbers of frames under a period, and minus the log-likelihood of their waits. Frames are lost where all that follow
+/// would else have waited.
+fn numbers_under(arrived: &[f64], period_s: f64) -> (Vec<i64>, f64) {
+    let late_s: Vec<f64> = (0_u32..).zip(arrived).map(|(i, at)| at - f64::from(i) * period_s).collect();
+    let mut earliest_s = late_s.clone();
+    for i in (1..late_s.len()).rev() {
+        earliest_s[i - 1] = earliest_s[i - 1].min(earliest_s[i]);
+    }
+    let n = late_s.len() as f64;
+    let usual_s =
+        late_s.iter().zip(&earliest_s).map(|(late, earliest)| late - earliest).sum::<f64>() / n + LINE_S;
+    let (mut on_time_s, mut lost, mut losses, mut waits_s) = (earliest_s[0], 0_i64, 0_u32, 0.0);
+    let mut numbers = Vec::with_capacity(late_s.len());
+    for ((i, late), earliest) in (0_u32..).zip(&late_s).zip(&earliest_s) {
+        let more = ((earliest - on_time_s + 3.0 * LINE_S) / period_s).floor();
+        // The last few may all have waited by chance.
+        if more >= 1.0 && (n - f64::from(i)) * more * period_s > LOSS_NATS * usual_s {
+            lost += more as i64;
+            // Nothing comes before its time: under a period too long, all of a stretch waits for its last frame.
+            on_time_s = earliest.min(on_time_s + more * period_s);
+            losses += 1;
+        }
+        waits_s += late - on_time_s;
+        numbers.push(i64::from(i) + lost);
+    }
+    (numbers, n * (waits_s / n).max(LINE_S).ln() + LOSS_NATS * f64::from(losses))
+}
+
+/// Frames that follow a loss so closely that it may have come after them: each that did not just wait for the one before
+/// would have waited a period longer.
+fn after_losses(numbers: &[i64], arrived: &[f64], waits_s: &[f64], period_s: f64) -> Vec<bool> {
+    let usual_s = waits_s.iter().sum::<f64>() / waits_s.len() as f64 + LINE_S;
+    let mut since = f64::INFINITY;
+    let mut before = (numbers[0] - 1, f64::NEG_INFINITY);
+    numbers
+        .iter()
+        .zip(arrived)
+        .map(|(number, arrival)| {
+            if number - before.0 > 1 {
+                since = 0.0;
+            } else if arrival - before.1 > TOGETHER_S {
+                since += period_s;
+            }
+            before = (*number, *arrival);
+            since < DOUBT_NATS * usual_s
+        })
+        .collect()
+}
+
+/// Least-squares line of arrival over number: its slope, and how far each arrival lies above it.
+fn mean_line(numbers: &[i64], arrived: &[f64]) -> (f64, Vec<f64>) {
+    let n = arrived.len() as f64;
+    let mean_number = numbers.iter().sum::<i64>() as f64 / n;
+    let mean_arrival = arrived.iter().sum::<f64>() / n;
+    let (mut sxy, mut sxx) = (0.0, 0.0);
+    for (number, arrival) in numbers.iter().zip(arrived) {
+        let dx = *number as f64 - mean_number;
+        sxy += dx * (arrival - mean_arrival);
+        sxx += dx * dx;
+    }
+    let slope = sxy / sxx;
+    let above =
+        |(number, arrival): (&i64, &f64)| arrival - mean_arrival - slope * (*number as f64 - mean_number);
+    (slope, numbers.iter().zip(arrived).map(above).collect())
+}
+
+/// The line below all arrivals under which exponential waits are the most likely, their sum the least: the edge of the lower
+/// convex hull at the mean number. Its slope, and how far each arrival lies above it.
+fn earliest_line(numbers: &[i64], arrived: &[f64]) -> (f64, Vec<f64>) {
+    let slope = |a: (i64, f64), b: (i64, f64)| (b.1 - a.1) / (b.0 - a.0) as f64;
+    let mut hull: Vec<(i64, f64)> = Vec::new();
+    for point in numbers.iter().copied().zip(arrived.iter().copied()) {
+        while let [.., a, b] = hull[..] {
+            if slope(a, b) < slope(b, point) {
+                break;
+            }
+            hull.pop();
+        }
+        hull.push(point);
+    }
+    let mean = numbers.iter().sum::<i64>() as f64 / numbers.len() as f64;
+    let right = hull.partition_point(|(number, _)| (*number as f64) < mean).clamp(1, hull.len() - 1);
+    let (a, b) = (hull[right - 1], hull[right]);
+    let slope = slope(a, b);
+    let above = |(number, arrival): (&i64, &f64)| arrival - a.1 - slope * (*number - a.0) as f64;
+    (slope, numbers.iter().zip(arrived).map(above).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    const PERIOD_S: f64 = 1.0 / 30.0;
+
+    /// True numbers of frames and their arrivals: waits of exponential distribution, first come first served, and frames lost.
+    fn queue(wait_s: f64, lost: f64, seed: u64) -> (Vec<i64>, Vec<f64>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (mut numbers, mut arrived) = (Vec::new(), Vec::new());
+        let mut last_s = 0.0_f64;
+        for number in 0..1_100_u32 {
+            let bus_s = 1e-4 * rng.random::<f64>();
+            let arrives_s = f64::from(number) * PERIOD_S + bus_s - wait_s * (1.0 - rng.random::<f64>()).ln();
+            if rng.random::<f64>() < lost {
+                continue;
+            }
+            last_s = last_s.max(arrives_s);
+            numbers.push(i64::from(number));
+            arrived.push(last_s);
+        }
+        (numbers, arrived)
+    }
+
+    #[test]
+    fn frames_that_wait_for_longer_than_a_period_keep_their_numbers() {
+        for (seed, wait_s) in (0..).zip([0.01, 0.02, 0.03, 0.045, 0.06].repeat(4)) {
+            // Where frames that wait are lost too, which one is lost stays hidden now and then.
+            for (lost, wrong_share, slope_off) in [(0.0, 0.0, 1e-4), (0.002, 0.0, 5e-4), (0.02, 0.1, 5e-4)] {
+                let (truth, arrived) = queue(wait_s, lost, seed);
+                // A rig's period is right to a few thousandths.
+                let numbers = jittery_numbers(&arrived, PERIOD_S * 1.001);
+                let (slope, waits_s) = earliest_line(&numbers, &arrived);
+                let doubtful = after_losses(&numbers, &arrived, &waits_s, PERIOD_S);
+                let mut off: Vec<i64> =
+                    (0..truth.len()).filter(|i| !doubtful[*i]).map(|i| numbers[i] - truth[i]).collect();
+                off.sort_unstable();
+                let usual = off[off.len() / 2];
+                let wrong = off.iter().filter(|off| **off != usual).count() as f64 / off.len() as f64;
+                assert!(wrong <= wrong_share, "waits of {wait_s} s, {lost} lost: {wrong} wrong");
+                assert!(
+                    5 * off.len() > 2 * truth.len(),
+                    "waits of {wait_s} s, {lost} lost: {} left",
+                    off.len()
+                );
+                // Some 0.1 ms of the bus over the ten seconds of an edge; a loss that is misplaced turns it by more.
+                assert!(
+                    (slope / PERIOD_S - 1.0).abs() < slope_off,
+                    "waits of {wait_s} s, {lost} lost: {slope}"
+                );
+            }
+        }
+    }
+}
