@@ -84,10 +84,15 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
         // How many frames come is a matter of how busy the machine is; that the marker is in them is not, but for those at the start.
         assert!(frames > 60.0 && found > 0.95 * frames, "{report}");
     }
-    // Armed, climbed, held; landed, and the rotors stand still.
+    // Armed, climbed, held at 0.4 m for 17 s; landed, and the rotors stand still. A machine that stalls in a climb may let it overshoot
+    // for a moment, but not beyond the rig's ceiling.
     let truth = truth(&scratch);
     let peak = truth.iter().fold(0.0_f64, |peak, [z, _]| peak.max(*z));
-    assert!((0.4..1.0).contains(&peak), "{peak}");
+    assert!((0.4..2.0).contains(&peak), "{peak}");
+    let mut aloft: Vec<f64> = truth.iter().map(|[z, _]| *z).filter(|z| *z > 0.2).collect();
+    aloft.sort_by(f64::total_cmp);
+    let held = aloft.get(aloft.len() / 2);
+    assert!(held.is_some_and(|z| (0.36..0.44).contains(z)), "{held:?}");
     let [z, throttle_v] = truth[truth.len() - 1];
     assert!(z == 0.0 && throttle_v < 0.1, "{z} {throttle_v}");
 
