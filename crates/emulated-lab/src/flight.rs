@@ -64,7 +64,7 @@ fn parse_pin(line: &str) -> Option<(usize, f64)> {
     Some((channel, f64::from(microvolts.parse::<i32>().ok()?) * 1e-6))
 }
 
-/// A flight, in real time.
+/// A flight, by the clock.
 pub struct Flight {
     world: SharedWorld,
     exposures: Exposures,

@@ -73,7 +73,7 @@ fn usb_both_clients_get_the_same_frames_and_the_same_depths() {
         mkdir theirs/mm
         {theirs} theirs/mm 8 bayer+mm || exit 3"
     );
-    let (work, outcome) = run(Faults::default(), &script, 120);
+    let (work, outcome) = run(Faults::default(), &script, 600);
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     let reel = reel();
     let (ours, theirs) = (work.path().join("ours"), work.path().join("theirs"));
@@ -117,7 +117,7 @@ fn usb_recordings_by_libfreenects_own_recorder_are_read_here() {
         until [ $(ls theirs 2>/dev/null | grep -c ppm) -ge 12 ]; do sleep 0.1; done
         kill -INT $id
         wait $id";
-    let (work, outcome) = run(Faults::default(), script, 120);
+    let (work, outcome) = run(Faults::default(), script, 600);
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     let reel = reel();
     let mut replay = Replay::open(work.path().join("theirs")).unwrap();
@@ -136,7 +136,7 @@ fn usb_two_percent_of_packets_lost_for_as_long_as_asked() {
     // Ten minutes: BENCH_SOAK_S=600.
     let seconds: u64 = std::env::var("BENCH_SOAK_S").map_or(15, |text| text.parse().unwrap());
     let script = format!("$client soak {} {SEED} {seconds} > $work/report.json", rig().display());
-    let (work, outcome) = run(Faults { loss: 0.02, ..Faults::default() }, &script, seconds * 2 + 120);
+    let (work, outcome) = run(Faults { loss: 0.02, ..Faults::default() }, &script, seconds * 20 + 600);
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     let report = json(&work.path().join("report.json"));
     println!("{report}");
@@ -153,8 +153,8 @@ fn usb_two_percent_of_packets_lost_for_as_long_as_asked() {
         // Six or more in a row, or a broken beginning, are one in a million images.
         assert!(count(stream, "refused") <= 2.0, "{report}");
     }
-    // What this machine has no time for is not sent, so how many came is no measure; that most did is.
-    assert!(report["frames"].as_u64().unwrap() > seconds * 15, "{report}");
+    // All but those of the start.
+    assert!(report["frames"].as_u64().unwrap() > (seconds - 1) * 30, "{report}");
     let memory = |when: &str| report["resident_kb"][when].as_u64().unwrap();
     // A frame's buffers are 1.3 MB; a leak of one packet in a hundred would be ten times this in ten minutes.
     assert!(memory("end") <= memory("early") + 512, "{report}");
@@ -165,7 +165,7 @@ fn usb_two_percent_of_packets_lost_for_as_long_as_asked() {
 fn usb_jitter_and_a_stall_cost_frames_and_nothing_else() {
     let script = format!("$client soak {} {SEED} 6 > $work/report.json", rig().display());
     let faults = Faults { jitter_s: 0.02, stall_at_s: 2.0, stall_s: 1.0, ..Faults::default() };
-    let (work, outcome) = run(faults, &script, 120);
+    let (work, outcome) = run(faults, &script, 600);
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     let report = json(&work.path().join("report.json"));
     assert_eq!(
@@ -199,7 +199,7 @@ fn usb_a_kinect_that_is_unplugged_in_mid_stream_is_told_and_streams_again_once_i
         $client soak {rig} {SEED} 2 > $work/second.json || exit 4",
         rig = rig().display()
     );
-    let (work, outcome) = run(Faults::default(), &script, 120);
+    let (work, outcome) = run(Faults::default(), &script, 600);
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     let first = json(&work.path().join("first.json"));
     assert!(first["ended"].as_str().is_some_and(|words| words.contains("the Kinect is gone")), "{first}");

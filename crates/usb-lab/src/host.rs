@@ -3,14 +3,9 @@
 use std::{
     env, fs, io,
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
     thread,
     time::{Duration, Instant},
-};
-
-use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
-    thread_native_id,
 };
 
 use crate::guest::{SCRIPT, STATUS, WORK};
@@ -43,7 +38,8 @@ impl Lab {
 
     /// Boots and runs a shell script with `work` as its folder. The guest's root is this machine's file system, with what this user may do
     /// there, so that programs and their files are at hand by the same paths; `/dev`, `/proc`, `/sys` and `/run` are the guest's own.
-    /// It is ended after `patience`.
+    /// Time there is the guest's own and passes only while all of it waits, so that neither flights nor streams are late on a busy machine;
+    /// a program that waits by going round for ever would stop it. It is ended after `patience`, in this machine's time.
     pub fn run(&self, work: &Path, script: &str, patience: Duration) -> io::Result<Outcome> {
         fs::write(work.join(SCRIPT), script)?;
         let _ = fs::remove_file(work.join(STATUS));
@@ -52,6 +48,14 @@ impl Lab {
         let mut kernel = Command::new(&self.kernel);
         kernel
             .args(["mem=256M", "root=/dev/root", "rootfstype=hostfs", "rootflags=/", "rw"])
+            // Time passes while the guest waits, and not while it computes: nothing there depends on how busy this machine is.
+            .arg("time-travel=inf-cpu")
+            // Page faults are dear there, so programs keep the memory that they have freed: half of the time.
+            .args([
+                "MALLOC_ARENA_MAX=1",
+                "MALLOC_TRIM_THRESHOLD_=1000000000",
+                "MALLOC_MMAP_THRESHOLD_=1000000000",
+            ])
             .args(["con=null", "con0=null,fd:1", "quiet", "panic=-1"])
             .arg(format!("init={}", self.init.display()))
             .arg(format!("{WORK}={}", work.display()))
@@ -60,7 +64,7 @@ impl Lab {
             .stdin(Stdio::null())
             .stdout(console.try_clone()?)
             .stderr(console);
-        let mut child = first_of_all(kernel)?;
+        let mut child = kernel.spawn()?;
         let until = Instant::now() + patience;
         while child.try_wait()?.is_none() {
             if Instant::now() > until {
@@ -74,18 +78,4 @@ impl Lab {
         let console = String::from_utf8_lossy(&fs::read(console_path)?).into_owned();
         Ok(Outcome { status, console })
     }
-}
-
-/// Starts a program before all ordinary ones, where that is granted: a USB does not wait for this machine's other work. It inherits that
-/// from the thread that starts it.
-fn first_of_all(mut program: Command) -> io::Result<Child> {
-    let start = move || {
-        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::RoundRobin);
-        // What is refused costs time, and nothing else.
-        if let Ok(least) = ThreadPriority::try_from(1) {
-            let _ = set_thread_priority_and_policy(thread_native_id(), least, policy);
-        }
-        program.spawn()
-    };
-    thread::spawn(start).join().map_err(|_| io::Error::other("the thread that starts the kernel failed"))?
 }

@@ -32,7 +32,7 @@ fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
         env!("CARGO_BIN_EXE_bench"),
         root().canonicalize().unwrap().display()
     );
-    let outcome = lab.run(&scratch.path(""), &(prelude + script), Duration::from_secs(240)).unwrap();
+    let outcome = lab.run(&scratch.path(""), &(prelude + script), Duration::from_secs(1200)).unwrap();
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     outcome
 }
@@ -81,14 +81,14 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
         );
         let (frames, found) =
             (report["tracking"]["frames"].as_f64().unwrap(), report["tracking"]["found"].as_f64().unwrap());
-        // How many frames come is a matter of how busy the machine is; that the marker is in them is not, but for those at the start.
-        assert!(frames > 60.0 && found > 0.95 * frames, "{report}");
+        // 30 a second from before the first iteration on, with the marker in all but those at the start.
+        let duration_s = report["summary"]["duration_s"].as_f64().unwrap();
+        assert!(frames > 29.0 * duration_s && found > 0.95 * frames, "{report}");
     }
-    // Armed, climbed, held at 0.4 m for 17 s; landed, and the rotors stand still. A machine that stalls in a climb may let it overshoot
-    // for a moment, but not beyond the rig's ceiling.
+    // Armed, climbed, held at 0.4 m for 17 s; landed, and the rotors stand still.
     let truth = truth(&scratch);
     let peak = truth.iter().fold(0.0_f64, |peak, [z, _]| peak.max(*z));
-    assert!((0.4..2.0).contains(&peak), "{peak}");
+    assert!((0.4..0.5).contains(&peak), "{peak}");
     let mut aloft: Vec<f64> = truth.iter().map(|[z, _]| *z).filter(|z| *z > 0.2).collect();
     aloft.sort_by(f64::total_cmp);
     let held = aloft.get(aloft.len() / 2);
@@ -137,7 +137,7 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
 
 #[test]
 #[ignore = "needs a user-mode kernel: tests/run"]
-fn usb_lab_without_anything_planted_shows_nothing_but_a_busy_machine() {
+fn usb_lab_without_anything_planted_shows_none() {
     let scratch = Scratch::new();
     run(
         &scratch,
@@ -152,12 +152,11 @@ fn usb_lab_without_anything_planted_shows_nothing_but_a_busy_machine() {
             .assert()
             .success(),
     );
-    // A kernel in a process, with a camera to render, has no core for itself: frames and iterations are late or lost in earnest.
-    let busy = ["tracker-dropout", "tracker-jitter", "tracker-latency", "loop-overrun"];
-    let named = diagnosed["effects"].as_array().unwrap();
-    assert!(diagnosed["verdict"] != "unknown", "{diagnosed}");
-    assert!(named.iter().all(|name| busy.contains(&name.as_str().unwrap())), "{diagnosed}");
-    println!("{} {named:?}", diagnosed["verdict"]);
+    assert_eq!(
+        (&diagnosed["verdict"], &diagnosed["effects"]),
+        (&"none".into(), &serde_json::json!([])),
+        "{diagnosed}"
+    );
 }
 
 #[test]

@@ -25,7 +25,7 @@ fn run(scratch: &Scratch, script: &str) -> Outcome {
         env!("CARGO_BIN_EXE_bench"),
         root().display()
     );
-    let outcome = lab.run(&scratch.path(""), &(prelude + script), Duration::from_secs(180)).unwrap();
+    let outcome = lab.run(&scratch.path(""), &(prelude + script), Duration::from_secs(1200)).unwrap();
     assert_eq!(outcome.status, Some(0), "{}", outcome.console);
     outcome
 }
