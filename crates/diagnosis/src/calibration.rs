@@ -32,6 +32,11 @@ pub struct Calibration {
     /// Power by which the odds of `none` against all else count more than those among causes: the nominal model is what it
     /// is, the law of a cause may be of another form. Even odds are left as they are.
     pub none_power: f64,
+    /// Share of flights that look nominal in which there is an effect too small to be seen, and what part of those are of no
+    /// effect of the library.
+    pub hidden_first: f64,
+    /// See [`Self::hidden_first`].
+    pub hidden_unknown: f64,
     /// Share of named single effects beside which there is a second one, too small to be seen.
     pub hidden_second: f64,
     /// Where the numbers are from.
@@ -57,7 +62,9 @@ impl Calibration {
             ln_prior_single: -2.4,
             ln_prior_pair: -3.7,
             ln_prior_unknown: -0.4,
-            none_power: 3.5,
+            none_power: 10.0,
+            hidden_first: 0.25,
+            hidden_unknown: 0.35,
             hidden_second: 0.08,
             source: "built in".to_owned(),
             cases: 650,
@@ -73,8 +80,8 @@ impl Calibration {
         Self { ln_prior_none: self.ln_prior_none + margin, source, cases, ..self.clone() }
     }
 
-    /// The probability of `none` from the one that it would have if it were a cause like any other.
-    pub(crate) fn none(&self, probability: f64) -> f64 {
+    /// The probability that flights look nominal, from the one that `none` would have if it were a cause like any other.
+    pub(crate) fn nominal(&self, probability: f64) -> f64 {
         let probability = probability.clamp(1e-12, 1.0 - 1e-12);
         let odds_against = ((1.0 - probability) / probability).powf(self.none_power);
         (1.0 + odds_against).recip()
@@ -113,9 +120,9 @@ mod tests {
     #[test]
     fn odds_of_none_are_sharpened_about_even_ones() {
         let calibration = Calibration::built_in();
-        assert!((calibration.none(0.5) - 0.5).abs() < 1e-9);
-        assert!(calibration.none(0.6) > 0.6 && calibration.none(0.3) < 0.3);
-        assert!(calibration.none(0.0) < 1e-9 && calibration.none(1.0) > 1.0 - 1e-9);
+        assert!((calibration.nominal(0.5) - 0.5).abs() < 1e-9);
+        assert!(calibration.nominal(0.6) > 0.6 && calibration.nominal(0.3) < 0.3);
+        assert!(calibration.nominal(0.0) < 1e-9 && calibration.nominal(1.0) > 1.0 - 1e-9);
     }
 
     #[test]

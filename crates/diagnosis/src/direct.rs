@@ -88,7 +88,9 @@ const FINE_STEPS: u32 = 2_000;
 const FINE_PINS: usize = 500;
 /// Fewest flights whose scales are compared, and nats that each one's costs.
 const LEAST_FLIGHTS: usize = 3;
-const SCALE_COST: f64 = 3.0;
+const SCALE_COST: f64 = 1.0;
+/// Readbacks nearer than this to a scale tell it.
+const NEAR_SIGMAS: f64 = 4.0;
 /// Fewest neighbours under the same command that show the readback's noise.
 const LEAST_NEIGHBOURS: usize = 10;
 /// Median of a normal's magnitude over its deviation.
@@ -223,8 +225,17 @@ impl PinChannel<'_> {
         }
         let min = self.rig.airframe.sticks.min;
         let scale = |pins: &[Pin]| {
-            let above = pins.iter().filter(|pin| pin.commanded > min);
-            median(above.map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())
+            let above = || pins.iter().filter(|pin| pin.commanded > min);
+            let rough = median(above().map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())?;
+            // A median needs half as many readbacks again for what least squares tell.
+            let near = above().filter(|pin| {
+                (pin.readback - min - rough * (pin.commanded - min)).abs() < NEAR_SIGMAS * self.sigma
+            });
+            let (xy, xx) = near.fold((0.0, 0.0), |(xy, xx), pin| {
+                let x = pin.commanded - min;
+                (xy + x * (pin.readback - min), xx + x * x)
+            });
+            Some(if xx > 0.0 { xy / xx } else { rough })
         };
         let excess = |pins: &[Pin], scale: f64| {
             let sizes =

@@ -24,8 +24,10 @@ const FORGIVEN_OFFSETS_SHARE: f64 = 0.1;
 const FORGIVEN_NONE_NATS: f64 = 3.5;
 /// unless their noise was seen to differ from flight to flight: what is not the model's noise differs with it.
 const FORGIVEN_NONE_UNEVEN_NATS: f64 = 7.0;
-/// Forgiven of pushes that come now and then: nominal flights reach it.
+/// Forgiven of pushes that come now and then: flights whose noise was seen to differ reach it, and laws of another form,
 const FORGIVEN_PULSES_NATS: f64 = 18.0;
+/// flights of even noise without an effect do not come near.
+const FORGIVEN_NONE_PULSES_NATS: f64 = 4.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
 const SECOND_LAW: (f64, f64) = (4.0, 0.105);
@@ -150,7 +152,7 @@ impl Weighed {
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
         let forgiven_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
         let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct, forgiven_none);
-        let beyond = pulses - forgiven_pulses(best);
+        let beyond = pulses - forgiven_pulses(best, uneven(problem));
         if beyond > 0.0 {
             left = left.max(beyond);
         }
@@ -173,17 +175,30 @@ impl Weighed {
             .zip(doubted)
             .map(|(p, q)| (1.0 - doubt) * p + doubt * q)
             .collect();
-        if let Some(none) = hypotheses.iter().position(|h| h.effects.is_empty() && !uneven(problem)) {
+        let none = hypotheses.iter().position(|h| h.effects.is_empty() && !uneven(problem));
+        let nominal = none.map(|none| {
             let before = probabilities[none];
-            let after = calibration.none(before);
-            let rest = (1.0 - after) / (1.0 - before).max(1e-12);
+            let nominal = calibration.nominal(before);
+            let rest = (1.0 - nominal) / (1.0 - before).max(1e-12);
             for probability in &mut probabilities {
                 *probability *= rest;
             }
-            probabilities[none] = after;
-        }
-        let unknown = probabilities.pop().unwrap_or(0.0);
+            probabilities[none] = nominal;
+            nominal
+        });
+        let mut unknown = probabilities.pop().unwrap_or(0.0);
         hide_seconds(&mut hypotheses, &mut probabilities, calibration.hidden_second);
+        if let (Some(none), Some(nominal)) = (none, nominal) {
+            let hidden = calibration.hidden_first * nominal;
+            probabilities[none] -= hidden;
+            unknown += calibration.hidden_unknown * hidden;
+            hide_firsts(
+                &mut hypotheses,
+                &mut probabilities,
+                none,
+                (1.0 - calibration.hidden_unknown) * hidden,
+            );
+        }
         Self {
             hypotheses,
             probabilities,
@@ -198,21 +213,25 @@ impl Weighed {
 }
 
 /// By how much the weight of `none` must be moved, as a logarithm, for the best hypothesis that names or suspects something
-/// not to outweigh it: for flights known
-/// to be nominal, how near a false alarm was.
+/// not to outweigh it: for flights known to be nominal, how near a false alarm was.
 pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
     let search = Search::of(problem);
     let weighed = Weighed::of(problem, &search, &direct(problem.tracks, problem.rig), calibration);
-    let (mut none, mut other) = (0.0, weighed.unknown);
-    for (h, probability) in weighed.hypotheses.iter().zip(&weighed.probabilities) {
-        if h.effects.is_empty() {
-            none = *probability;
-        } else {
-            other = other.max(*probability);
-        }
-    }
-    let power = if uneven(problem) { 1.0 } else { calibration.none_power };
-    (other.max(1e-300).ln() - none.max(1e-300).ln()) / power
+    let told = || weighed.hypotheses.iter().zip(&weighed.probabilities);
+    let none = told().find(|(h, _)| h.effects.is_empty()).map_or(0.0, |(_, probability)| *probability);
+    let (power, hidden) =
+        if uneven(problem) { (1.0, 0.0) } else { (calibration.none_power, calibration.hidden_first) };
+    // What is hidden moves with `none`, and is no part of what outweighs it.
+    let margin = |probability: f64, share: f64| {
+        let along = share * hidden / (1.0 - hidden) * none;
+        (probability - along).max(1e-300).ln() - (none - along).max(1e-300).ln()
+    };
+    let singles = (1.0 - calibration.hidden_unknown) / LIBRARY.len() as f64;
+    told()
+        .filter(|(h, _)| !h.effects.is_empty())
+        .map(|(h, probability)| margin(*probability, if h.effects.len() == 1 { singles } else { 0.0 }))
+        .fold(margin(weighed.unknown, calibration.hidden_unknown), f64::max)
+        / power
 }
 
 /// Whether flights of this rig were seen to differ in their noise: then what speaks against the nominal model is not exact either.
@@ -233,25 +252,35 @@ fn hide_seconds(hypotheses: &mut Vec<Hypothesis>, probabilities: &mut Vec<f64>, 
         let each = share * probabilities[i] / (LIBRARY.len() - 1) as f64;
         probabilities[i] *= 1.0 - share;
         for second in (0..LIBRARY.len()).filter(|second| *second != first) {
-            let effects = vec![first, second];
-            if let Some(at) = hypotheses.iter().position(|h| same(&h.effects, &effects)) {
-                probabilities[at] += each;
-                continue;
-            }
-            let Hypothesis { fit, ref direct, gain, .. } = hypotheses[i];
-            let hidden = Hypothesis {
-                effects,
-                fit,
-                direct: direct.clone(),
-                gain,
-                regions: None,
-                grounds: hypotheses[i].grounds,
-                forgiven: 0.0,
-            };
-            hypotheses.push(hidden);
-            probabilities.push(each);
+            hide(hypotheses, probabilities, i, second, each);
         }
     }
+}
+
+/// Gives so much of the probability of `none` to the single effects: those that are too small to be seen.
+fn hide_firsts(hypotheses: &mut Vec<Hypothesis>, probabilities: &mut Vec<f64>, none: usize, hidden: f64) {
+    for first in 0..LIBRARY.len() {
+        hide(hypotheses, probabilities, none, first, hidden / LIBRARY.len() as f64);
+    }
+}
+
+/// Adds to the probability of a hypothesis and an effect beside it that is too small to be seen.
+fn hide(
+    hypotheses: &mut Vec<Hypothesis>,
+    probabilities: &mut Vec<f64>,
+    beside: usize,
+    effect: usize,
+    probability: f64,
+) {
+    let Hypothesis { ref effects, fit, ref direct, gain, grounds, .. } = hypotheses[beside];
+    let effects = [effects.as_slice(), &[effect]].concat();
+    if let Some(at) = hypotheses.iter().position(|h| same(&h.effects, &effects)) {
+        probabilities[at] += probability;
+        return;
+    }
+    let direct = direct.clone();
+    hypotheses.push(Hypothesis { effects, fit, direct, gain, regions: None, grounds, forgiven: 0.0 });
+    probabilities.push(probability);
 }
 
 /// All hypotheses of at most two effects that were fitted or read.
@@ -383,7 +412,10 @@ fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis]) {
 }
 
 /// Pushes that come now and then which count for nothing, nats: a law of another form leaves some too, wind does not.
-fn forgiven_pulses(best: &Hypothesis) -> f64 {
+fn forgiven_pulses(best: &Hypothesis, uneven: bool) -> f64 {
+    if best.effects.is_empty() && !uneven {
+        return FORGIVEN_NONE_PULSES_NATS;
+    }
     let windy = best.effects.iter().any(|effect| LIBRARY[*effect].name == "gusts");
     FORGIVEN_PULSES_NATS + if windy { 0.0 } else { FORGIVEN_SHARE * best.gain.max(0.0) }
 }

@@ -13,6 +13,10 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
     match diagnosis.verdict {
         Verdict::Effect => format!("The gap comes from {}", diagnosis.effects.join(" and ")),
         Verdict::None => "No gap beyond tolerance and noise".to_owned(),
+        // Where belief is spread over many causes, that none of them is it may be the likeliest without being likely.
+        Verdict::Unknown if diagnosis.confidence < 0.5 => {
+            "No cause stands out; likeliest is a gap that no known effect explains".to_owned()
+        }
         Verdict::Unknown => "There is a gap that no known effect explains".to_owned(),
     }
 }
