@@ -609,7 +609,7 @@ const PUBLISHED: [(&str, Expected); 3] = [
 
 #[test]
 #[ignore = "needs BENCH_DATA; tests/run runs it where that is set"]
-fn every_published_log_comes_through_whole() {
+fn bench_data_every_published_log_comes_through_whole() {
     let data = PathBuf::from(std::env::var_os("BENCH_DATA").expect("BENCH_DATA names the data folder"));
     let folder = tempfile::tempdir().unwrap();
     for (place, expected) in PUBLISHED {
@@ -682,7 +682,7 @@ fn check(report: &ImportReport, flight: &Flight, expected: &Expected, log: &Path
 
 #[test]
 #[ignore = "needs BENCH_DATA; tests/run runs it where that is set"]
-fn the_foreign_rig_has_the_numbers_that_came_with_every_flight() {
+fn bench_data_the_foreign_rig_has_the_numbers_that_came_with_every_flight() {
     let data = PathBuf::from(std::env::var_os("BENCH_DATA").expect("BENCH_DATA names the data folder"));
     let rig = Rig::load(rigs().join("foreign.toml")).unwrap();
     let airframe = &rig.airframe;
