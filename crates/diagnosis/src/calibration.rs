@@ -3,6 +3,7 @@
 //! Evidence counts divided by a temperature: sightings are not as independent, nor laws as exact, as the likelihood
 //! thinks. Prior weights say how often a kind of cause is met.
 
+use bench_plant::effects::LIBRARY;
 use serde::{Deserialize, Serialize};
 
 /// Share of nominal flights that may raise an alarm: half of what is promised, for few flights are simulated.
@@ -86,6 +87,16 @@ impl Calibration {
         let probability = probability.clamp(1e-12, 1.0 - 1e-12);
         let odds_against = ((1.0 - probability) / probability).powf(self.none_power);
         (1.0 + odds_against).recip()
+    }
+
+    /// Share of flights that look nominal in which there is a given effect of the library, too small to be seen.
+    pub(crate) fn hidden_as_single(&self) -> f64 {
+        (1.0 - self.hidden_unknown) * self.hidden_first / LIBRARY.len() as f64
+    }
+
+    /// The same of anything outside the library.
+    pub(crate) fn hidden_as_unknown(&self) -> f64 {
+        self.hidden_unknown * self.hidden_first
     }
 
     /// Logarithm of the weight of a hypothesis of so many effects.

@@ -675,12 +675,19 @@ fn amplitudes(effect: usize) -> (f64, f64) {
     if either_sign { (-4.0, 4.0) } else { (0.2, 3.0) }
 }
 
+/// Every choice of one value from each list, the last list's changing first.
+pub(crate) fn every_choice(lists: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
+    lists.fold(vec![Vec::new()], |heads, values| {
+        let with = |head: &Vec<f64>, value: f64| [head.as_slice(), &[value]].concat();
+        heads.iter().flat_map(|head| values.iter().map(move |value| with(head, *value))).collect()
+    })
+}
+
 /// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
 /// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no size at
 /// which it is like what acts late.
 pub(crate) fn start_values(effect: usize) -> Vec<Vec<f64>> {
-    let mut grid: Vec<Vec<f64>> = vec![Vec::new()];
-    for p in LIBRARY[effect].parameters {
+    let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
         let values: Vec<f64> = match (p.prior, p.neutral) {
             (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
                 vec![mean, mean + sigma]
@@ -692,17 +699,8 @@ pub(crate) fn start_values(effect: usize) -> Vec<Vec<f64>> {
                 [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
             }
         };
-        grid = grid
-            .into_iter()
-            .flat_map(|head| {
-                values.iter().map(move |value| {
-                    let mut next = head.clone();
-                    next.push(value.clamp(p.min, p.max));
-                    next
-                })
-            })
-            .collect();
-    }
+        values.into_iter().map(|value| value.clamp(p.min, p.max)).collect()
+    }));
     // Not where the effect vanishes.
     grid.retain(|values| {
         LIBRARY[effect].parameters.iter().zip(values).any(|(p, value)| p.neutral.is_some_and(|n| n != *value))

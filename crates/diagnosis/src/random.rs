@@ -4,7 +4,7 @@ use bench_plant::effects::LIBRARY;
 use bench_rig::{GRAVITY_M_S2, Rig};
 
 use crate::{
-    fit::{Fit, Free, Problem, effect_coordinates},
+    fit::{Fit, Free, Problem, effect_coordinates, every_choice},
     law::Point,
     pass::Noise,
 };
@@ -134,20 +134,7 @@ fn worth(value: f64, with: &Fit) -> bool {
 
 /// Values of coordinates over their priors, one and a half deviations to either side.
 fn grid(coordinates: &[Free]) -> Vec<Vec<f64>> {
-    let mut grid = vec![Vec::new()];
-    for f in coordinates {
-        grid = grid
-            .into_iter()
-            .flat_map(|head: Vec<f64>| {
-                [-1.5, -0.5, 0.5, 1.5].map(|k| {
-                    let mut next = head.clone();
-                    next.push(f.mean + k * f.sigma);
-                    next
-                })
-            })
-            .collect();
-    }
-    grid
+    every_choice(coordinates.iter().map(|f| [-1.5, -0.5, 0.5, 1.5].map(|k| f.mean + k * f.sigma).to_vec()))
 }
 
 /// Random effects on top of a fit.

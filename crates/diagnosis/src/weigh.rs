@@ -176,7 +176,7 @@ impl Weighed {
             .map(|(p, q)| (1.0 - doubt) * p + doubt * q)
             .collect();
         let none = hypotheses.iter().position(|h| h.effects.is_empty() && !uneven(problem));
-        let nominal = none.map(|none| {
+        if let Some(none) = none {
             let before = probabilities[none];
             let nominal = calibration.nominal(before);
             let rest = (1.0 - nominal) / (1.0 - before).max(1e-12);
@@ -184,20 +184,12 @@ impl Weighed {
                 *probability *= rest;
             }
             probabilities[none] = nominal;
-            nominal
-        });
+        }
         let mut unknown = probabilities.pop().unwrap_or(0.0);
         hide_seconds(&mut hypotheses, &mut probabilities, calibration.hidden_second);
-        if let (Some(none), Some(nominal)) = (none, nominal) {
-            let hidden = calibration.hidden_first * nominal;
-            probabilities[none] -= hidden;
-            unknown += calibration.hidden_unknown * hidden;
-            hide_firsts(
-                &mut hypotheses,
-                &mut probabilities,
-                none,
-                (1.0 - calibration.hidden_unknown) * hidden,
-            );
+        if let Some(none) = none {
+            unknown += calibration.hidden_as_unknown() * probabilities[none];
+            hide_firsts(&mut hypotheses, &mut probabilities, none, calibration);
         }
         Self {
             hypotheses,
@@ -219,18 +211,21 @@ pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
     let weighed = Weighed::of(problem, &search, &direct(problem.tracks, problem.rig), calibration);
     let told = || weighed.hypotheses.iter().zip(&weighed.probabilities);
     let none = told().find(|(h, _)| h.effects.is_empty()).map_or(0.0, |(_, probability)| *probability);
-    let (power, hidden) =
-        if uneven(problem) { (1.0, 0.0) } else { (calibration.none_power, calibration.hidden_first) };
     // What is hidden moves with `none`, and is no part of what outweighs it.
+    let (power, nominal) = if uneven(problem) {
+        (1.0, 0.0)
+    } else {
+        (calibration.none_power, none / (1.0 - calibration.hidden_first))
+    };
     let margin = |probability: f64, share: f64| {
-        let along = share * hidden / (1.0 - hidden) * none;
+        let along = share * nominal;
         (probability - along).max(1e-300).ln() - (none - along).max(1e-300).ln()
     };
-    let singles = (1.0 - calibration.hidden_unknown) / LIBRARY.len() as f64;
+    let share = |h: &Hypothesis| if h.effects.len() == 1 { calibration.hidden_as_single() } else { 0.0 };
     told()
         .filter(|(h, _)| !h.effects.is_empty())
-        .map(|(h, probability)| margin(*probability, if h.effects.len() == 1 { singles } else { 0.0 }))
-        .fold(margin(weighed.unknown, calibration.hidden_unknown), f64::max)
+        .map(|(h, probability)| margin(*probability, share(h)))
+        .fold(margin(weighed.unknown, calibration.hidden_as_unknown()), f64::max)
         / power
 }
 
@@ -257,10 +252,18 @@ fn hide_seconds(hypotheses: &mut Vec<Hypothesis>, probabilities: &mut Vec<f64>, 
     }
 }
 
-/// Gives so much of the probability of `none` to the single effects: those that are too small to be seen.
-fn hide_firsts(hypotheses: &mut Vec<Hypothesis>, probabilities: &mut Vec<f64>, none: usize, hidden: f64) {
+/// Gives a share of the probability of `none` to the single effects, those that are too small to be seen, and takes from it what
+/// of them is `unknown`'s.
+fn hide_firsts(
+    hypotheses: &mut Vec<Hypothesis>,
+    probabilities: &mut Vec<f64>,
+    none: usize,
+    calibration: &Calibration,
+) {
+    let nominal = probabilities[none];
+    probabilities[none] -= calibration.hidden_first * nominal;
     for first in 0..LIBRARY.len() {
-        hide(hypotheses, probabilities, none, first, hidden / LIBRARY.len() as f64);
+        hide(hypotheses, probabilities, none, first, calibration.hidden_as_single() * nominal);
     }
 }
 

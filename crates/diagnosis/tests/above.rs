@@ -1,25 +1,17 @@
 //! Flights of which only the stretches aloft are predicted.
 
-use std::path::Path;
+mod support;
 
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{Mission, Model, Rig};
+use bench_rig::Rig;
 use bench_run::simulate;
-
-fn rig() -> Rig {
-    let rigs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
-    let mut rig = Rig::load(rigs.join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
-    rig
-}
+use support::{mission, rig};
 
 fn fly(rig: &Rig, seed: u64) -> Flight {
-    let rigs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
-    let mission = Mission::load(rigs.join("missions/steps.toml")).unwrap();
     let mut records: Vec<Record> = Vec::new();
-    simulate(rig, &mission, seed, &mut records, |_| true).unwrap();
+    simulate(rig, &mission("steps"), seed, &mut records, |_| true).unwrap();
     Flight::from_records(Session::new(Mode::Sim), records)
 }
 

@@ -1,11 +1,11 @@
 //! Vertical speed and acceleration measured on board are used where the rig says how good they are.
 
-use std::path::Path;
+mod support;
 
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Motion, Record, Session};
-use bench_rig::{Mission, Model, Rig};
+use bench_rig::Rig;
 use bench_run::simulate;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -18,9 +18,7 @@ const ZERO_M_S2: f64 = 0.3;
 const MISSIONS: [&str; 3] = ["hop", "climb-040", "steps"];
 
 fn rig(says: bool) -> Rig {
-    let rigs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
-    let mut rig = Rig::load(rigs.join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
+    let mut rig = support::rig();
     rig.disturbance.velocity_noise_m_s = says.then_some(VELOCITY_NOISE_M_S);
     rig.disturbance.acceleration_noise_m_s2 = says.then_some(ACCELERATION_NOISE_M_S2);
     rig
@@ -28,13 +26,11 @@ fn rig(says: bool) -> Rig {
 
 /// Flights with what a sensor on board would have measured of them.
 fn flights(effect: Option<&str>) -> Vec<Flight> {
-    let missions = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/missions");
     let mut real = rig(false);
     real.effects.extend(effect.map(|text| parse_effect(text).unwrap()));
     let fly = |(mission, seed): (&&str, u64)| {
-        let mission = Mission::load(missions.join(mission).with_extension("toml")).unwrap();
         let mut records: Vec<Record> = Vec::new();
-        simulate(&real, &mission, seed, &mut records, |_| true).unwrap();
+        simulate(&real, &support::mission(mission), seed, &mut records, |_| true).unwrap();
         let mut flight = Flight::from_records(Session::new(Mode::Sim), records);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = |sigma: f64| sigma * rng.sample::<f64, _>(StandardNormal);

@@ -1,12 +1,12 @@
 //! Thrust that is missing for moments, which no effect of the library is: a motor that misses now and then.
 
-use std::path::Path;
+mod support;
 
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
 use bench_plant::lab::Lab;
 use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{Mission, Model, Rig};
+use support::{mission, rig};
 
 /// One miss in so many commands, at no beat; three commands long.
 const BETWEEN: f64 = 40.0;
@@ -40,20 +40,17 @@ impl<V: VoltageOutput> VoltageOutput for Missing<V> {
 }
 
 fn diagnose(share: f64) -> Diagnosis {
-    let rigs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
-    let mut rig = Rig::load(rigs.join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
+    let rig = rig();
     let missions = ["hop", "climb-040", "steps", "low-hover"];
     let tracks: Vec<Track> = missions
         .into_iter()
         .zip(1..)
         .map(|(name, seed)| {
-            let mission = Mission::load(rigs.join("missions").join(name).with_extension("toml")).unwrap();
             let Lab { mut clock, output, mut tracker, .. } = Lab::new(&rig, seed).unwrap();
             let mut output = Missing { output, share, written: 0.0, lost: 0.0 };
             let mut records: Vec<Record> = Vec::new();
             let ends = (&mut clock, &mut output, &mut tracker);
-            bench_run::fly(ends, &rig, &mission, &mut records, |_, _| true);
+            bench_run::fly(ends, &rig, &mission(name), &mut records, |_, _| true);
             let flight = Flight::from_records(Session::new(Mode::Sim), records);
             Track::from_flight(name, &flight, &rig).unwrap()
         })

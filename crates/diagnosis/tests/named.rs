@@ -3,28 +3,18 @@
 //! These flights share the force law with the diagnosis, so they show that it does what it should, not how well it does
 //! on flights of other physics.
 
-use std::path::Path;
+mod support;
 
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{Mission, Model, Rig};
+use bench_rig::Rig;
 use bench_run::simulate;
+use support::{mission, rig};
 
-fn rigs() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
-}
-
-fn rig() -> Rig {
-    let mut rig = Rig::load(rigs().join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
-    rig
-}
-
-fn fly(rig: &Rig, mission: &str, seed: u64) -> Flight {
-    let mission = Mission::load(rigs().join("missions").join(mission).with_extension("toml")).unwrap();
+fn fly(rig: &Rig, name: &str, seed: u64) -> Flight {
     let mut records: Vec<Record> = Vec::new();
-    simulate(rig, &mission, seed, &mut records, |_| true).unwrap();
+    simulate(rig, &mission(name), seed, &mut records, |_| true).unwrap();
     Flight::from_records(Session::new(Mode::Sim), records)
 }
 

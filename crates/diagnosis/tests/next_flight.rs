@@ -2,6 +2,8 @@
 //!
 //! The flights share the force law with the diagnosis: what is tested is that the mission does what it promises.
 
+mod support;
+
 use std::path::Path;
 
 use bench_diagnosis::{
@@ -9,22 +11,9 @@ use bench_diagnosis::{
 };
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{Mission, Model, Rig};
+use bench_rig::{Mission, Rig};
 use bench_run::{Ending, simulate, simulate_on};
-
-fn rigs() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
-}
-
-fn rig() -> Rig {
-    let mut rig = Rig::load(rigs().join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
-    rig
-}
-
-fn mission(name: &str) -> Mission {
-    Mission::load(rigs().join("missions").join(name).with_extension("toml")).unwrap()
-}
+use support::{mission, rig};
 
 fn with(effect: &str) -> Rig {
     let mut real = rig();
