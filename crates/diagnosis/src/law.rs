@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bench_device::Sticks;
 use bench_plant::{
-    effects::{Effects, LIBRARY, Parameter, resolve_all},
+    effects::{Effects, LIBRARY, Parameter, Stage, resolve_all},
     nominal::{Air, Forces, Nominal},
 };
 use bench_rig::{GRAVITY_M_S2, Rig};
@@ -24,6 +24,8 @@ pub const NUISANCES: [&str; 8] = [
     "tracker_bias_m",
 ];
 
+/// Index of the mass among the nuisances.
+const MASS: usize = 0;
 /// Index of the thrust's gain among the nuisances: of the throttle that hovers, where the rig knows that.
 pub const GAIN: usize = 1;
 /// Index of the thrust's offset.
@@ -64,6 +66,40 @@ pub enum Coordinate {
         /// Which of its parameters.
         parameter: usize,
     },
+}
+
+/// From where on, between throttle and sighting, a law differs that differs in one thing alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// From the throttle on.
+    Throttle,
+    /// From the force on: the thrust out of the ground effect is the same.
+    Force,
+    /// In how a flight is seen: the flight is the same.
+    Sight,
+}
+
+impl Reach {
+    /// Of an effect of the library.
+    pub fn of_effect(effect: usize) -> Self {
+        match LIBRARY[effect].stage {
+            Stage::Actuator | Stage::Propulsion => Self::Throttle,
+            Stage::Environment | Stage::Airframe => Self::Force,
+            Stage::Tracker | Stage::Loop => Self::Sight,
+        }
+    }
+
+    /// Of a coordinate of a point.
+    pub fn of(at: Coordinate, point: &Point, rig: &Rig) -> Self {
+        match at {
+            Coordinate::Nuisance(LATENCY | BIAS) => Self::Sight,
+            Coordinate::Nuisance(GAIN | OFFSET) => Self::Throttle,
+            // The throttle that hovers is kept.
+            Coordinate::Nuisance(MASS) if rig.airframe.thrust.hover_sigma.is_some() => Self::Throttle,
+            Coordinate::Nuisance(_) => Self::Force,
+            Coordinate::Effect { slot, .. } => Self::of_effect(point.effects[slot].0),
+        }
+    }
 }
 
 impl Point {
@@ -119,7 +155,7 @@ impl Point {
         }
         // Never at or below the offset: a fit may try what no rig may say.
         let range = n[GAIN] - n[OFFSET];
-        n[0] * GRAVITY_M_S2 / range.max(1e-3 * n[GAIN].abs()).max(f64::MIN_POSITIVE)
+        n[MASS] * GRAVITY_M_S2 / range.max(1e-3 * n[GAIN].abs()).max(f64::MIN_POSITIVE)
     }
 
     /// The value at a coordinate.
@@ -192,7 +228,7 @@ impl Law {
     pub fn new(point: &Point, rig: &Rig) -> Self {
         let n = &point.nuisances;
         let mut airframe = rig.airframe.clone();
-        airframe.mass_kg.value = n[0];
+        airframe.mass_kg.value = n[MASS];
         airframe.thrust.offset.value = n[OFFSET];
         airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
         airframe.ground_effect.multiplier.value = n[3];
@@ -255,6 +291,24 @@ impl Law {
         }
     }
 
+    /// Moves on beside another law that it differs from no earlier than `reach` says, which has moved on.
+    #[inline]
+    pub fn move_beside(
+        &mut self,
+        other: &Self,
+        reach: Reach,
+        dt_s: f64,
+        throttle: f64,
+        [z_m, speed_m_s]: [f64; 2],
+    ) {
+        match reach {
+            Reach::Sight => return,
+            Reach::Force => self.free_thrust_n = other.free_thrust_n,
+            Reach::Throttle => self.hold(dt_s, throttle),
+        }
+        self.advance(dt_s, z_m, speed_m_s);
+    }
+
     /// Upward acceleration, m/s^2.
     #[inline]
     pub fn acceleration_m_s2(&self, z_m: f64, speed_m_s: f64) -> f64 {
@@ -275,6 +329,75 @@ impl Law {
             velocity_m_s: Vector3::new(0.0, 0.0, speed_m_s),
             tilt_cos: self.tilt_cos,
             free_thrust_n: self.free_thrust_n,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    /// Largest difference of acceleration, m/s^2, between a law that moves on by itself and one that moves on beside the point's.
+    fn worst(point: &Point, moved: &Point, reach: Reach, rig: &Rig) -> f64 {
+        let (mut base, mut alone, mut beside) =
+            (Law::new(point, rig), Law::new(moved, rig), Law::new(moved, rig));
+        let mut worst = 0.0_f64;
+        for k in 0..2000 {
+            let t_s = 0.02 * f64::from(k);
+            // Up to above the ceiling's reach and down to the ground, throttle about hover.
+            let (z, v) = (0.45 - 0.44 * (0.4 * t_s).cos(), 0.176 * (0.4 * t_s).sin());
+            let throttle = 1.9 + 0.15 * (2.0 * t_s).sin() + if k % 50 < 25 { 0.05 } else { 0.0 };
+            for law in [&mut base, &mut alone] {
+                law.hold(0.02, throttle);
+                law.advance(0.02, z, v);
+            }
+            beside.move_beside(&base, reach, 0.02, throttle, [z, v]);
+            let expected = match reach {
+                // Whoever asks takes the base's.
+                Reach::Sight => base.acceleration_m_s2(z, v),
+                _ => beside.acceleration_m_s2(z, v),
+            };
+            let aside = (alone.acceleration_m_s2(z, v) - expected).abs();
+            assert!(aside.is_finite());
+            worst = worst.max(aside);
+        }
+        worst
+    }
+
+    #[test]
+    fn a_law_that_moves_on_beside_another_is_where_it_would_be_alone() {
+        let mut rig =
+            Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+        for hover_sigma in [None, Some(0.01)] {
+            rig.airframe.thrust.hover_sigma = hover_sigma;
+            let (nominal, sigma) = Point::nominal(&rig);
+            for effect in (0..LIBRARY.len()).filter(|effect| !is_random(*effect)) {
+                let parameters = LIBRARY[effect].parameters;
+                let values = parameters.iter().map(|p| p.default.unwrap_or(p.prior.typical())).collect();
+                let point = Point { effects: vec![(effect, values)], ..nominal.clone() };
+                // An effect added.
+                assert_eq!(
+                    worst(&nominal, &point, Reach::of_effect(effect), &rig),
+                    0.0,
+                    "{}",
+                    LIBRARY[effect].name
+                );
+                let numbers = (0..sigma.len()).map(|i| (Coordinate::Nuisance(i), sigma[i]));
+                let own = (0..parameters.len()).map(|parameter| {
+                    (
+                        Coordinate::Effect { slot: 0, parameter },
+                        0.1 * (parameters[parameter].max - parameters[parameter].min),
+                    )
+                });
+                for (at, step) in numbers.chain(own) {
+                    let mut moved = point.clone();
+                    *moved.get_mut(at) += step;
+                    let reach = Reach::of(at, &point, &rig);
+                    assert_eq!(worst(&point, &moved, reach, &rig), 0.0, "{} {at:?}", LIBRARY[effect].name);
+                }
+            }
         }
     }
 }

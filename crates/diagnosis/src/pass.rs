@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::{
-    law::{Coordinate, Law, Point},
+    law::{Coordinate, Law, Point, Reach},
     smooth::Knot,
     track::{Felt, Sighting, Track, held},
 };
@@ -281,8 +281,8 @@ struct Twin {
 }
 
 enum Source {
-    /// The law a little aside, and the reciprocal of how far.
-    Law(Box<Law>, f64),
+    /// The law a little aside, the reciprocal of how far, and from where on it differs.
+    Law(Box<Law>, f64, Reach),
     Hat(Hat),
     /// Frequency, rad/s, and phase.
     Wave(f64, f64),
@@ -294,10 +294,10 @@ impl Source {
     #[inline]
     fn push(&self, [z, v]: [f64; 2], force: f64, axes: &[f64; AXES]) -> f64 {
         match self {
-            Self::Law(law, inverse_step) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
+            Self::Law(_, _, Reach::Sight) | Self::Seen(_) => 0.0,
+            Self::Law(law, inverse_step, _) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
             Self::Hat(hat) => hat.at(axes[hat.axis as usize]),
             Self::Wave(rad_s, phase) => (rad_s * axes[Axis::Time as usize] + phase).sin(),
-            Self::Seen(_) => 0.0,
         }
     }
 }
@@ -388,12 +388,13 @@ impl Filter {
                     Direction::Coordinate(at, step) => {
                         let mut moved = point.clone();
                         *moved.get_mut(*at) += step;
-                        Source::Law(Box::new(Law::new(&moved, rig)), step.recip())
+                        let reach = Reach::of(*at, point, rig);
+                        Source::Law(Box::new(Law::new(&moved, rig)), step.recip(), reach)
                     }
                     Direction::Added(effect, values) => {
                         let mut moved = point.clone();
                         moved.effects.push((*effect, values.clone()));
-                        Source::Law(Box::new(Law::new(&moved, rig)), 1.0)
+                        Source::Law(Box::new(Law::new(&moved, rig)), 1.0, Reach::of_effect(*effect))
                     }
                     Direction::Hat(hat) => Source::Hat(*hat),
                     Direction::Seen(seen) => Source::Seen(*seen),
@@ -436,6 +437,7 @@ impl Filter {
             // What lags comes from what was held at rest, not from the launch.
             let throttle = track.inputs[before].throttle;
             self.law.hold(AT_REST_S, throttle);
+            self.law.advance(AT_REST_S, 0.0, 0.0);
             self.hold_twins(AT_REST_S, throttle);
         }
         let late = self.law.latency_s - rig.tracker.latency_s.value;
@@ -546,9 +548,8 @@ impl Filter {
         }
         let axes = self.axes();
         for twin in &mut self.twins {
-            if let Source::Law(law, _) = &mut twin.source {
-                law.hold(h, throttle);
-                law.advance(h, z, v);
+            if let Source::Law(law, _, reach) = &mut twin.source {
+                law.move_beside(&self.law, *reach, h, throttle, [z, v]);
             }
             let push = twin.source.push([z, v], a0, &axes);
             twin.sensitivity = f.apply(twin.sensitivity);
@@ -581,7 +582,7 @@ impl Filter {
             let cosine = held(&track.tilt, now_s).unwrap_or(1.0);
             self.law.tilt_cos = cosine;
             for twin in &mut self.twins {
-                if let Source::Law(law, _) = &mut twin.source {
+                if let Source::Law(law, ..) = &mut twin.source {
                     law.tilt_cos = cosine;
                 }
             }
@@ -595,9 +596,8 @@ impl Filter {
     fn hold_twins(&mut self, h: f64, throttle: f64) {
         let [z, v, ..] = self.x;
         for twin in &mut self.twins {
-            if let Source::Law(law, _) = &mut twin.source {
-                law.hold(h, throttle);
-                law.advance(h, z, v);
+            if let Source::Law(law, _, reach) = &mut twin.source {
+                law.move_beside(&self.law, *reach, h, throttle, [z, v]);
             }
         }
     }
@@ -623,7 +623,7 @@ impl Filter {
         for twin in &mut self.twins {
             let sensitivity = match &twin.source {
                 // Whatever is believed of tracker and latency, it was seen here.
-                Source::Law(law, inverse_step) => {
+                Source::Law(law, inverse_step, _) => {
                     let later_s = law.latency_s - self.law.latency_s;
                     let seen = law.view.seen_m(z) - seen_m;
                     (later_s * v - seen / factor) * inverse_step
@@ -668,7 +668,7 @@ impl Filter {
         };
         for (twin, out) in self.twins.iter().zip(&mut self.row) {
             let shift = match &twin.source {
-                Source::Law(law, inverse_step) => {
+                Source::Law(law, inverse_step, _) => {
                     let later_s = law.latency_s - self.law.latency_s;
                     (law.view.seen_m(z) - predicted - later_s * v * factor) * inverse_step
                 }

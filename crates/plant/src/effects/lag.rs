@@ -81,10 +81,13 @@ impl TwoLags {
     /// Moves on by `dt_s` towards `target`, at `pace` times the usual rates.
     #[inline]
     pub(super) fn advance(&mut self, dt_s: f64, target: f64, pace: f64) -> Transient {
-        let dt_s = dt_s * pace;
         let starts = [self.first.state - target, self.state - target];
+        if starts == [0.0; 2] {
+            return Transient { mean: 0.0, mean_square: 0.0 };
+        }
+        let dt_s = dt_s * pace;
         let first = self.first.advance(dt_s, target);
-        if self.second_s == 0.0 || starts == [0.0; 2] {
+        if self.second_s == 0.0 {
             self.state = self.first.state;
             return first;
         }
