@@ -88,6 +88,7 @@ fn region(diagnosis: &Diagnosis) -> Option<&'static str> {
         "change of thrust over weight" => "lagged-throttle",
         "time in flight" => "time",
         "charge drawn" => "charge",
+        "altitude of late" => "altitude",
         same => same,
     })
 }

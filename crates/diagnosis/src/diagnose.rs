@@ -168,6 +168,10 @@ pub struct Place {
     pub unexplained: f64,
     /// The same of the most plain frequency.
     pub unexplained_frequency: Frequency,
+    /// The same of an acceleration over the altitude of late: air or motors that remember where the airframe was.
+    pub unexplained_past: f64,
+    /// The same of an acceleration that grows from flight to flight.
+    pub unexplained_drift: f64,
     /// The same of thrust that is missing for moments.
     pub unexplained_pulses: f64,
     /// The same of the readback.
@@ -473,6 +477,8 @@ fn place(
             .collect(),
         unexplained: (on_best.ceiling - on_best.form).max(0.0),
         unexplained_frequency: Frequency { hz, gain },
+        unexplained_past: on_best.past,
+        unexplained_drift: on_best.drift,
         unexplained_pulses: weighed.pulses,
         unexplained_readback: direct.unexplained_pins,
     }
@@ -487,6 +493,7 @@ fn axis_words(axis: Axis) -> (&'static str, &'static str) {
         Axis::Time => ("time in flight", "s"),
         Axis::Charge => ("charge drawn", "min of hover"),
         Axis::Voltage => ("battery voltage", "V"),
+        Axis::Past => ("altitude of late", "m"),
     }
 }
 

@@ -61,6 +61,8 @@ pub enum Direction {
     Added(usize, Vec<f64>),
     /// An acceleration of 1 m/s^2 that swings at a frequency, Hz, with a phase, rad, from take-off on.
     Wave(f64, f64),
+    /// An acceleration of 1 m/s^2 all along.
+    Steady,
     /// A free offset of sightings.
     Seen(Seen),
     /// A free acceleration of 1 m/s^2 where a quantity is near a knot, falling linearly to its neighbours.
@@ -104,7 +106,7 @@ impl Hat {
 }
 
 /// How many quantities there are.
-pub const AXES: usize = 7;
+pub const AXES: usize = 8;
 
 /// A quantity over which a free acceleration may vary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,6 +125,8 @@ pub enum Axis {
     Charge,
     /// Voltage of the battery, V; 0 where it was not measured.
     Voltage,
+    /// Altitude as it was of late, through a lag, m.
+    Past,
 }
 
 impl Axis {
@@ -135,11 +139,14 @@ impl Axis {
         Self::Time,
         Self::Charge,
         Self::Voltage,
+        Self::Past,
     ];
 }
 
 /// Time constant against which a change of thrust is taken, s.
 const CHANGE_TIME_S: f64 = 0.3;
+/// Time constant for which the air about an airframe may remember where it was, s.
+const PAST_TIME_S: f64 = 2.0;
 
 /// What the hats look at, besides the state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -149,6 +156,7 @@ struct Surroundings {
     elapsed_s: f64,
     charge_min: f64,
     voltage: f64,
+    lagged_altitude_m: f64,
 }
 
 /// One sighting held against its prediction.
@@ -162,7 +170,8 @@ pub struct Innovation {
     pub variance_m2: f64,
     /// Its share of the negative log-likelihood.
     pub nll: f64,
-    /// Altitude, m; speed, m/s; thrust over weight; its change of late; time, s; charge, min; voltage, V.
+    /// Altitude, m; speed, m/s; thrust over weight; its change of late; time, s; charge, min; voltage, V;
+    /// altitude of late, m.
     pub axes: [f64; AXES],
 }
 
@@ -286,6 +295,7 @@ enum Source {
     Hat(Hat),
     /// Frequency, rad/s, and phase.
     Wave(f64, f64),
+    Steady,
     Seen(Seen),
 }
 
@@ -296,6 +306,7 @@ impl Source {
         match self {
             Self::Law(_, _, Reach::Sight) | Self::Seen(_) => 0.0,
             Self::Law(law, inverse_step, _) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
+            Self::Steady => 1.0,
             Self::Hat(hat) => hat.at(axes[hat.axis as usize]),
             Self::Wave(rad_s, phase) => (rad_s * axes[Axis::Time as usize] + phase).sin(),
         }
@@ -397,6 +408,7 @@ impl Filter {
                         Source::Law(Box::new(Law::new(&moved, rig)), 1.0, Reach::of_effect(*effect))
                     }
                     Direction::Hat(hat) => Source::Hat(*hat),
+                    Direction::Steady => Source::Steady,
                     Direction::Seen(seen) => Source::Seen(*seen),
                     Direction::Wave(hz, phase_rad) => Source::Wave(std::f64::consts::TAU * hz, *phase_rad),
                 };
@@ -628,7 +640,7 @@ impl Filter {
                     let seen = law.view.seen_m(z) - seen_m;
                     (later_s * v - seen / factor) * inverse_step
                 }
-                Source::Hat(_) | Source::Wave(..) | Source::Seen(_) => 0.0,
+                Source::Hat(_) | Source::Wave(..) | Source::Steady | Source::Seen(_) => 0.0,
             };
             twin.sensitivity = [sensitivity, 0.0, twin.sensitivity[2], 0.0];
         }
@@ -644,13 +656,23 @@ impl Filter {
         around.lagged_ratio += (around.ratio - around.lagged_ratio) * -(-h / CHANGE_TIME_S).exp_m1();
         around.elapsed_s += h;
         around.charge_min += around.ratio * h / 60.0;
+        around.lagged_altitude_m += (self.x[0] - around.lagged_altitude_m) * -(-h / PAST_TIME_S).exp_m1();
     }
 
     /// The quantities of [`Axis::ALL`].
     fn axes(&self) -> [f64; AXES] {
         let around = &self.around;
         let change = around.ratio - around.lagged_ratio;
-        [self.x[0], self.x[1], around.ratio, change, around.elapsed_s, around.charge_min, around.voltage]
+        [
+            self.x[0],
+            self.x[1],
+            around.ratio,
+            change,
+            around.elapsed_s,
+            around.charge_min,
+            around.voltage,
+            around.lagged_altitude_m,
+        ]
     }
 
     /// Holds a sighting against its prediction and learns from it.
@@ -672,7 +694,7 @@ impl Filter {
                     let later_s = law.latency_s - self.law.latency_s;
                     (law.view.seen_m(z) - predicted - later_s * v * factor) * inverse_step
                 }
-                Source::Hat(_) | Source::Wave(..) => 0.0,
+                Source::Hat(_) | Source::Wave(..) | Source::Steady => 0.0,
                 Source::Seen(Seen::Altitude(hat)) => hat.at(z),
                 Source::Seen(Seen::Thrust) => self.around.ratio - 1.0,
                 Source::Seen(Seen::Time) => self.around.elapsed_s,

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Matrix2};
 
 use crate::{
     fit::{Fit, Problem, directions, project},
-    pass::{Axis, Direction, Hat, Seen, run},
+    pass::{Axis, Direction, Hat, Pass, Seen, run},
 };
 
 /// A free acceleration over one quantity.
@@ -32,10 +32,15 @@ pub struct Region {
 pub struct Regions {
     /// One a quantity, in the order of [`Axis::ALL`].
     pub axes: Vec<Region>,
-    /// Gain of log-evidence with all quantities free at once: what no known law may explain.
+    /// Gain of log-evidence with all quantities of the moment free at once: what no known law may explain.
     pub ceiling: f64,
     /// The part of it that lies along the fitted effects' own quantities: their laws may be of another form.
     pub form: f64,
+    /// Gain of log-evidence of an acceleration over the altitude of late; 0 where a law of the fit remembers that.
+    pub past: f64,
+    /// The same of an acceleration that grows from flight to flight, in the order in which they are given; 0 where a battery's
+    /// charge is fitted, which may not have been made good between them.
+    pub drift: f64,
     /// Offsets of sightings over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
     pub tracker: Vec<(&'static str, f64)>,
 }
@@ -63,7 +68,7 @@ impl Waves {
 pub fn own_axes(effect: usize) -> &'static [Axis] {
     match LIBRARY[effect].name {
         "tracker-scale" | "ground-effect-shape" | "ceiling-effect" | "updraft" => &[Axis::Altitude],
-        "ground-effect-dynamic" => &[Axis::Altitude, Axis::Speed],
+        "ground-effect-dynamic" => &[Axis::Altitude, Axis::Speed, Axis::Past],
         "actuator-lag" | "rotor-lag" => &[Axis::ThrustChange],
         "thrust-curve" | "thrust-loss" => &[Axis::ThrustToWeight],
         "battery-discharge" => &[Axis::Charge, Axis::Time, Axis::Voltage],
@@ -93,7 +98,9 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         if axis == Axis::Altitude {
             altitudes.clone_from(&hats);
         }
-        hat_axes.extend(hats.iter().map(|_| axis));
+        if axis != Axis::Past {
+            hat_axes.extend(hats.iter().map(|_| axis));
+        }
         directions.extend(hats.into_iter().map(Direction::Hat));
         knots_by_axis.push(knots);
     }
@@ -101,9 +108,17 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let offsets = altitudes.len();
     directions.extend(altitudes.into_iter().map(|hat| Direction::Seen(Seen::Altitude(hat))));
     directions.extend([Seen::Thrust, Seen::Time, Seen::Latency].map(Direction::Seen));
+    directions.push(Direction::Steady);
     let pass = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &directions);
     let Some((information, gradient)) = project(&fit.free, &fit.point, &pass) else {
-        return Regions { axes: Vec::new(), ceiling: 0.0, form: 0.0, tracker: Vec::new() };
+        return Regions {
+            axes: Vec::new(),
+            ceiling: 0.0,
+            form: 0.0,
+            past: 0.0,
+            drift: 0.0,
+            tracker: Vec::new(),
+        };
     };
 
     let mut axes = Vec::new();
@@ -117,19 +132,55 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         axes.push(Region { axis, knots, acceleration_m_s2, sigma_m_s2, gain });
         first += n;
     }
-    let f = information.view((0, 0), (forces, forces)).into_owned();
-    let (ceiling, _) = best_gain(&f, &gradient.rows(0, forces).into_owned(), &WIDTHS);
+    let of_the_moment = hat_axes.len();
+    let f = information.view((0, 0), (of_the_moment, of_the_moment)).into_owned();
+    let (ceiling, _) = best_gain(&f, &gradient.rows(0, of_the_moment).into_owned(), &WIDTHS);
     let tracker = seen(&information, &gradient, forces, offsets);
-    let own: Vec<usize> = hat_axes
-        .iter()
-        .enumerate()
-        .filter(|(_, axis)| fit.effects().iter().any(|effect| own_axes(*effect).contains(axis)))
-        .map(|(i, _)| i)
-        .collect();
+    let is_own = |axis: Axis| fit.effects().iter().any(|effect| own_axes(*effect).contains(&axis));
+    let own: Vec<usize> = (0..of_the_moment).filter(|i| is_own(hat_axes[*i])).collect();
     let f = DMatrix::from_fn(own.len(), own.len(), |i, j| information[(own[i], own[j])]);
     let g = DVector::from_fn(own.len(), |i, _| gradient[own[i]]);
     let form = if own.is_empty() { 0.0 } else { best_gain(&f, &g, &WIDTHS).0 };
-    Regions { axes, ceiling, form, tracker }
+    let past = axes.iter().find(|region| region.axis == Axis::Past).map_or(0.0, |region| region.gain);
+    Regions {
+        axes,
+        ceiling,
+        form,
+        past: if is_own(Axis::Past) { 0.0 } else { past },
+        drift: if is_own(Axis::Charge) { 0.0 } else { drift(fit, &pass) },
+        tracker,
+    }
+}
+
+/// Fewer flights show a difference, and no drift.
+const DRIFTING_FLIGHTS: usize = 3;
+
+/// Gain of log-evidence of an acceleration that grows by the same from each flight to the next, from a pass over what was fitted,
+/// first, and a steady acceleration, last.
+fn drift(fit: &Fit, pass: &Pass) -> f64 {
+    if pass.tracks.len() < DRIFTING_FLIGHTS {
+        return 0.0;
+    }
+    let (fitted, steady) = (fit.free.len(), pass.gradient.len() - 1);
+    let mut drift = Pass {
+        gradient: DVector::zeros(fitted + 1),
+        information: DMatrix::zeros(fitted + 1, fitted + 1),
+        ..Pass::default()
+    };
+    drift.gradient.rows_mut(0, fitted).copy_from(&pass.gradient.rows(0, fitted));
+    let numbers = ((0, 0), (fitted, fitted));
+    drift.information.view_mut(numbers.0, numbers.1).copy_from(&pass.information.view(numbers.0, numbers.1));
+    // From -1 in the first flight to 1 in the last.
+    let per_flight = 2.0 / (pass.tracks.len() - 1) as f64;
+    for (i, track) in pass.tracks.iter().enumerate() {
+        let share = per_flight * i as f64 - 1.0;
+        drift.gradient[fitted] += share * track.gradient[steady];
+        for j in 0..fitted {
+            drift.information[(fitted, j)] += share * track.information[(steady, j)];
+        }
+        drift.information[(fitted, fitted)] += share * share * track.information[(steady, steady)];
+    }
+    project(&fit.free, &fit.point, &drift).map_or(0.0, |(f, g)| best_gain(&f, &g, &WIDTHS).0)
 }
 
 /// Prior widths of what a tracker gets wrong: m over altitude and thrust, m/s over time, s/s of latency.

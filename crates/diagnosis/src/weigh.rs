@@ -18,7 +18,7 @@ use crate::{
 /// gap counts as unexplained, and this share of the winner's own gain.
 const FORGIVEN_NATS: f64 = 7.0;
 const FORGIVEN_SHARE: f64 = 0.2;
-/// The same of offsets of the tracker, which laws of another form look less like.
+/// The same of offsets of the tracker and of a drift from flight to flight, which laws of another form look less like.
 const FORGIVEN_OFFSETS_SHARE: f64 = 0.1;
 /// Forgiven where nothing is named: flights without an effect leave next to nothing,
 const FORGIVEN_NONE_NATS: f64 = 3.5;
@@ -448,9 +448,10 @@ fn unexplained(
     let left = structure.max(wave).max(0.7 * (structure + wave));
     let forgiven = if best.effects.is_empty() { forgiven_none } else { FORGIVEN_NATS };
     let mut flight = left - forgiven - share * gain;
-    let beyond = on_best.offset() - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
-    if beyond > 0.0 {
-        flight = flight.max(beyond);
+    let past = on_best.past - forgiven - FORGIVEN_SHARE * gain;
+    let beyond = on_best.offset().max(on_best.drift) - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
+    if past.max(beyond) > 0.0 {
+        flight = flight.max(past).max(beyond);
     }
     if direct.unexplained_pins > 0.0 { flight.max(0.0) + direct.unexplained_pins } else { flight }
 }

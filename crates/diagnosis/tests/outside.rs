@@ -1,0 +1,121 @@
+//! Laws that the library does not have.
+
+mod support;
+
+use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
+use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
+use bench_plant::lab::{Lab, SharedWorld};
+use bench_recording::{Flight, Mode, Record, Session};
+use bench_rig::Rig;
+use support::{mission, rig};
+
+/// What of the throttle is lost at the next command, as a share.
+type Loss = Box<dyn FnMut() -> f64>;
+
+/// Outputs between which and the motors a share of the throttle is lost; the readback does not show it.
+struct Losing<V> {
+    output: V,
+    loss: Loss,
+    lost: f64,
+}
+
+impl<V: VoltageOutput> VoltageOutput for Losing<V> {
+    fn write(&mut self, sticks: Sticks) -> Result<(), DeviceError> {
+        self.lost = (self.loss)() * sticks.throttle;
+        self.output.write(Sticks { throttle: sticks.throttle - self.lost, ..sticks })
+    }
+
+    fn read_back(&mut self) -> Result<Option<Readback>, DeviceError> {
+        let mut told = self.output.read_back()?;
+        if let Some(readback) = &mut told {
+            readback.sticks.throttle += self.lost;
+        }
+        Ok(told)
+    }
+}
+
+/// What the nominal rig says of flights of another, each flown with a loss of its own.
+fn diagnose(flown: impl Fn(u64) -> Rig, loss: impl Fn(&SharedWorld) -> Loss) -> Diagnosis {
+    let rig = rig();
+    let missions = ["hop", "climb-040", "steps", "low-hover", "steps", "climb-040"];
+    let tracks: Vec<Track> = missions
+        .into_iter()
+        .zip(1..)
+        .map(|(name, number)| {
+            let Lab { mut clock, output, mut tracker, world } = Lab::new(&flown(number), number).unwrap();
+            let mut output = Losing { output, loss: loss(&world), lost: 0.0 };
+            let mut records: Vec<Record> = Vec::new();
+            let ends = (&mut clock, &mut output, &mut tracker);
+            bench_run::fly(ends, &rig, &mission(name), &mut records, |_, _| true);
+            let flight = Flight::from_records(Session::new(Mode::Sim), records);
+            Track::from_flight(name, &flight, &rig).unwrap()
+        })
+        .collect();
+    Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in())
+}
+
+fn is_unknown(said: &Diagnosis) -> bool {
+    said.verdict == Verdict::Unknown
+}
+
+#[test]
+fn flights_that_lose_nothing_are_nominal() {
+    let said = diagnose(|_| rig(), |_| Box::new(|| 0.0));
+    assert_eq!(said.verdict, Verdict::None, "{:#?}", said.candidates);
+}
+
+/// One miss in so many commands, at no beat; three commands long.
+const BETWEEN: f64 = 40.0;
+const LENGTH: f64 = 3.0;
+
+#[test]
+fn thrust_that_is_missing_for_moments_is_no_known_effect() {
+    // A hundredth of the throttle is less than what turbulence does; it is one-sided, and comes for moments.
+    for share in [0.01, 0.04] {
+        let said = diagnose(
+            |_| rig(),
+            |_| {
+                let mut written = 0.0_f64;
+                Box::new(move || {
+                    let (number, since) = (written.div_euclid(BETWEEN), written.rem_euclid(BETWEEN));
+                    let begins = (BETWEEN - LENGTH) * (0.618 * number).fract();
+                    written += 1.0;
+                    if (begins..begins + LENGTH).contains(&since) { share } else { 0.0 }
+                })
+            },
+        );
+        assert!(is_unknown(&said), "{share}: {:#?}", said.candidates);
+    }
+}
+
+#[test]
+fn a_weight_that_changes_from_flight_to_flight_is_no_known_effect() {
+    // One percent a flight, twice what flights differ by at random.
+    let leaking = |number: u64| {
+        let mut rig = rig();
+        rig.airframe.mass_kg.value *= 1.0 - 0.01 * (number as f64 - 3.5);
+        rig
+    };
+    let said = diagnose(leaking, |_| Box::new(|| 0.0));
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
+    assert!(said.place.unexplained_drift > 10.0);
+}
+
+#[test]
+fn thrust_that_depends_on_where_the_airframe_was_is_no_known_effect() {
+    // Air that was stirred up low down takes 5 % of the throttle and needs two seconds to come and to go.
+    let said = diagnose(
+        |_| rig(),
+        |world| {
+            let world = world.clone();
+            let mut stirred = 0.0;
+            Box::new(move || {
+                let low = (-(world.borrow().true_state().position_m.z / 0.2).powi(2)).exp();
+                stirred += (low - stirred) * 0.05;
+                0.05 * stirred
+            })
+        },
+    );
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
+    assert!(said.place.unexplained_past > 10.0);
+}
