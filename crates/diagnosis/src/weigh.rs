@@ -186,6 +186,9 @@ impl Weighed {
             probabilities[none] = nominal;
         }
         let mut unknown = probabilities.pop().unwrap_or(0.0);
+        if none.is_some() {
+            settle_channels(&hypotheses, &mut probabilities, calibration);
+        }
         hide_seconds(&mut hypotheses, &mut probabilities, calibration.hidden_second);
         if let Some(none) = none {
             unknown += calibration.hidden_as_unknown() * probabilities[none];
@@ -236,6 +239,27 @@ fn uneven(problem: &Problem<'_>) -> bool {
 
 /// Singles less probable have no seconds worth telling.
 const LEAST_PROBABLE: f64 = 1e-3;
+
+/// Where a channel is read directly, the flight beside it is nominal or not: evidence counts for or against that as it does for
+/// `none`, and many seconds that gain nothing do not outweigh it together.
+fn settle_channels(hypotheses: &[Hypothesis], probabilities: &mut [f64], calibration: &Calibration) {
+    for (i, read) in hypotheses.iter().enumerate() {
+        let &[effect] = read.effects.as_slice() else { continue };
+        if read.fit != 0 {
+            continue;
+        }
+        let pairs: Vec<usize> =
+            (0..hypotheses.len()).filter(|j| *j != i && hypotheses[*j].effects.contains(&effect)).collect();
+        let in_pairs: f64 = pairs.iter().map(|j| probabilities[*j]).sum();
+        let family = probabilities[i] + in_pairs;
+        if in_pairs > 0.0 {
+            probabilities[i] = family * calibration.nominal(probabilities[i] / family);
+            for j in pairs {
+                probabilities[j] *= (family - probabilities[i]) / in_pairs;
+            }
+        }
+    }
+}
 
 /// Gives a share of each single effect's probability to its pairs with every other: seconds that are too small to be seen.
 fn hide_seconds(hypotheses: &mut Vec<Hypothesis>, probabilities: &mut Vec<f64>, share: f64) {
