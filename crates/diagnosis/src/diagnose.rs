@@ -471,7 +471,7 @@ fn place(
         structure: weighed.on_null.ceiling,
         frequencies: weighed
             .waves_on_null
-            .0
+            .gains
             .iter()
             .map(|(hz, gain)| Frequency { hz: *hz, gain: *gain })
             .collect(),

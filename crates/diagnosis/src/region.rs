@@ -5,11 +5,11 @@
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
 use bench_plant::effects::LIBRARY;
-use nalgebra::{DMatrix, DVector, Matrix2};
+use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
 use crate::{
     fit::{Fit, Problem, directions, project},
-    pass::{Axis, Direction, Hat, Pass, Seen, run},
+    pass::{Axis, Direction, Hat, Innovation, Pass, Seen, run},
 };
 
 /// A free acceleration over one quantity.
@@ -52,15 +52,20 @@ impl Regions {
     }
 }
 
-/// Accelerations that swing, each flight with its own size and phase: frequency, Hz, and gain of log-evidence.
+/// Accelerations that swing, each flight with its own size and phase.
 #[derive(Clone, Debug)]
-pub struct Waves(pub Vec<(f64, f64)>);
+pub struct Waves {
+    /// Frequency, Hz, and gain of log-evidence, lowest first.
+    pub gains: Vec<(f64, f64)>,
+    /// Among how many frequencies those were chosen.
+    tried: usize,
+}
 
 impl Waves {
-    /// The frequency with the highest gain, Hz, and that gain less what the choice among them is worth.
+    /// The frequency with the highest gain, Hz, and that gain less what the choice among all is worth.
     pub fn highest(&self) -> (f64, f64) {
-        let best = self.0.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
-        (best.0, (best.1 - (self.0.len().max(1) as f64).ln()).max(0.0))
+        let best = self.gains.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        (best.0, (best.1 - (self.tried.max(1) as f64).ln()).max(0.0))
     }
 }
 
@@ -211,20 +216,30 @@ fn seen(
         .collect()
 }
 
-/// Lowest and highest frequency of waves, Hz, and how many are tried, evenly in the logarithm.
+/// Lowest and highest frequency of waves, Hz, and how many are tried in any case, evenly in the logarithm.
 const WAVES_HZ: (f64, f64, usize) = (0.15, 4.0, 24);
+/// Over a flight a tone falls out of step with them, so the plainest tones of the innovations are tried too: so many.
+const TONES: usize = 3;
+/// Among so many at most: the finest that flights of two minutes tell apart.
+const MOST_TONES: usize = 1000;
 
 /// Looks for a swing that a fit leaves.
 pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
-    let (low, high, n) = WAVES_HZ;
-    let hz = |i: usize| low * (high / low).powf(i as f64 / (n - 1) as f64);
-    let directions: Vec<_> = (0..n)
-        .flat_map(|i| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| Direction::Wave(hz(i), phase)))
-        .collect();
     let noise = fit.full_noise(problem);
+    let plain = run(problem.tracks, problem.rig, &fit.point, &noise, &[]);
+    let (mut tried, tones) = tones(&plain);
+    let (low, high, n) = WAVES_HZ;
+    let coarse = (0..n).map(|i| low * (high / low).powf(i as f64 / (n - 1) as f64));
+    tried += n;
+    let mut hz: Vec<f64> = coarse.chain(tones).collect();
+    hz.sort_by(f64::total_cmp);
+    let directions: Vec<_> = hz
+        .iter()
+        .flat_map(|hz| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| Direction::Wave(*hz, phase)))
+        .collect();
     let pass = run(problem.tracks, problem.rig, &fit.point, &noise, &directions);
-    let gains = (0..n).map(|i| {
-        let gain = WIDTHS
+    let gain = |i: usize| {
+        WIDTHS
             .into_iter()
             .map(|s| {
                 let each = pass.tracks.iter().map(|track| {
@@ -237,11 +252,53 @@ pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
                 });
                 each.sum::<f64>()
             })
-            .fold(0.0, f64::max);
-        (hz(i), gain)
-    });
-    Waves(gains.collect())
+            .fold(0.0, f64::max)
+    };
+    Waves { gains: hz.iter().enumerate().map(|(i, hz)| (*hz, gain(i))).collect(), tried }
 }
+
+/// How many frequencies the innovations of flights can tell apart, and those of them at which they swing the most: a filter
+/// passes on the frequency of what it did not foresee. The power at a frequency is the sum over flights of each one's
+/// (Lomb, *Least-squares frequency analysis of unequally spaced data*, Astrophysics and Space Science 39, 1976, for times as
+/// good as even).
+fn tones(plain: &Pass) -> (usize, Vec<f64>) {
+    let (low, high, _) = WAVES_HZ;
+    let lasted_s = |innovations: &[Innovation]| match innovations {
+        [first, .., last] => last.exposed_s - first.exposed_s,
+        _ => 0.0,
+    };
+    let longest_s = plain.tracks.iter().map(|track| lasted_s(&track.innovations)).fold(1.0, f64::max);
+    // A tone half way between two of them loses a fifth of its power.
+    let step_hz = 0.5 / longest_s;
+    let count = (((high - low) / step_hz) as usize + 1).min(MOST_TONES);
+    let step_hz = (high - low) / (count.max(2) - 1) as f64;
+    let mut power = vec![0.0; count];
+    for track in &plain.tracks {
+        let mut sums = vec![Complex::new(0.0, 0.0); count];
+        for innovation in &track.innovations {
+            let turn = |hz: f64| Complex::from_polar(1.0, std::f64::consts::TAU * hz * innovation.exposed_s);
+            let (mut at, on) = (turn(low), turn(step_hz));
+            let size = innovation.residual_m / innovation.variance_m2.sqrt();
+            let size = size.clamp(-TONE_SIGMAS, TONE_SIGMAS);
+            for sum in &mut sums {
+                *sum += at * size;
+                at *= on;
+            }
+        }
+        let samples = track.innovations.len().max(1) as f64;
+        for (power, sum) in power.iter_mut().zip(sums) {
+            *power += sum.norm_sqr() / samples;
+        }
+    }
+    let at = |k: usize| power.get(k).copied().unwrap_or(0.0);
+    let mut peaks: Vec<usize> =
+        (0..count).filter(|k| at(*k) > at(k.wrapping_sub(1)) && at(*k) >= at(k + 1)).collect();
+    peaks.sort_by(|a, b| at(*b).total_cmp(&at(*a)));
+    (count, peaks.into_iter().take(TONES).map(|k| low + step_hz * k as f64).collect())
+}
+
+/// An innovation counts for no more than this in the search for tones.
+const TONE_SIGMAS: f64 = 4.0;
 
 /// Quantiles of what was flown, those that coincide left out.
 fn knots(mut values: Vec<f64>, most: usize) -> Vec<f64> {

@@ -89,6 +89,24 @@ fn thrust_that_is_missing_for_moments_is_no_known_effect() {
 }
 
 #[test]
+fn a_push_that_swings_at_one_frequency_is_no_known_effect() {
+    // Between two of the frequencies of a coarse grid: over a flight it falls out of step with both.
+    let said = diagnose(
+        |_| rig(),
+        |world| {
+            let world = world.clone();
+            Box::new(move || {
+                let time_s = world.borrow().true_state().time.seconds();
+                0.004 * (std::f64::consts::TAU * 1.37 * time_s).sin()
+            })
+        },
+    );
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
+    let told = said.place.unexplained_frequency;
+    assert!((told.hz - 1.37).abs() < 0.02 && told.gain > 10.0, "{told:?}");
+}
+
+#[test]
 fn a_weight_that_changes_from_flight_to_flight_is_no_known_effect() {
     // One percent a flight, twice what flights differ by at random.
     let leaking = |number: u64| {
