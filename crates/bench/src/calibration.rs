@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
-const GENERATION: &str = "bench.calibration/6";
+const GENERATION: &str = "bench.calibration/7";
 /// Fewest sets that show a tail of false alarms.
 const LEAST_SETS: usize = 50;
 /// Ordinary turbulence, m/s: drawn evenly in the logarithm.

@@ -177,13 +177,8 @@ impl Weighed {
             .collect();
         let none = hypotheses.iter().position(|h| h.effects.is_empty() && !uneven(problem));
         if let Some(none) = none {
-            let before = probabilities[none];
-            let nominal = calibration.nominal(before);
-            let rest = (1.0 - nominal) / (1.0 - before).max(1e-12);
-            for probability in &mut probabilities {
-                *probability *= rest;
-            }
-            probabilities[none] = nominal;
+            let nominal = calibration.nominal(probabilities[none]);
+            give_none(&mut probabilities, none, nominal);
         }
         let mut unknown = probabilities.pop().unwrap_or(0.0);
         if none.is_some() {
@@ -193,6 +188,11 @@ impl Weighed {
         if let Some(none) = none {
             unknown += calibration.hidden_as_unknown() * probabilities[none];
             hide_firsts(&mut hypotheses, &mut probabilities, none, calibration);
+            let before = probabilities[none];
+            let others = (0..probabilities.len()).filter(|i| *i != none).map(|i| probabilities[i]);
+            let told = calibration.told(before, others.fold(unknown, f64::max));
+            give_none(&mut probabilities, none, told);
+            unknown *= (1.0 - told) / (1.0 - before).max(1e-12);
         }
         Self {
             hypotheses,
@@ -211,6 +211,8 @@ impl Weighed {
 /// not to outweigh it: for flights known to be nominal, how near a false alarm was.
 pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
     let search = Search::of(problem);
+    // What counts for an alarm, not what is told.
+    let calibration = &Calibration { none_told: (1.0, 0.0), ..calibration.clone() };
     let weighed = Weighed::of(problem, &search, &direct(problem.tracks, problem.rig), calibration);
     let told = || weighed.hypotheses.iter().zip(&weighed.probabilities);
     let none = told().find(|(h, _)| h.effects.is_empty()).map_or(0.0, |(_, probability)| *probability);
@@ -239,6 +241,15 @@ fn uneven(problem: &Problem<'_>) -> bool {
 
 /// Singles less probable have no seconds worth telling.
 const LEAST_PROBABLE: f64 = 1e-3;
+
+/// Gives `none` a probability, and the rest to all else as it was.
+fn give_none(probabilities: &mut [f64], none: usize, nominal: f64) {
+    let rest = (1.0 - nominal) / (1.0 - probabilities[none]).max(1e-12);
+    for probability in &mut *probabilities {
+        *probability *= rest;
+    }
+    probabilities[none] = nominal;
+}
 
 /// Where a channel is read directly, the flight beside it is nominal or not: evidence counts for or against that as it does for
 /// `none`, and many seconds that gain nothing do not outweigh it together.
