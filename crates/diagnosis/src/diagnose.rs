@@ -163,6 +163,8 @@ pub struct Place {
     pub structure: f64,
     /// Evidence of an acceleration that swings at a frequency, on top of the re-fitted rig.
     pub frequencies: Vec<Frequency>,
+    /// Among how many frequencies those were chosen.
+    pub frequencies_tried: usize,
     /// Evidence of a free acceleration on top of the best hypothesis, beyond another form of its laws, nats: what no
     /// known law explains.
     pub unexplained: f64,
@@ -475,6 +477,7 @@ fn place(
             .iter()
             .map(|(hz, gain)| Frequency { hz: *hz, gain: *gain })
             .collect(),
+        frequencies_tried: weighed.waves_on_null.tried,
         unexplained: (on_best.ceiling - on_best.form).max(0.0),
         unexplained_frequency: Frequency { hz, gain },
         unexplained_past: on_best.past,

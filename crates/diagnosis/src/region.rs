@@ -58,7 +58,7 @@ pub struct Waves {
     /// Frequency, Hz, and gain of log-evidence, lowest first.
     pub gains: Vec<(f64, f64)>,
     /// Among how many frequencies those were chosen.
-    tried: usize,
+    pub tried: usize,
 }
 
 impl Waves {

@@ -117,7 +117,7 @@ fn frequencies(out: &mut String, diagnosis: &Diagnosis) {
     let waves: Vec<&Frequency> = diagnosis.place.frequencies.iter().filter(|wave| wave.hz > 0.0).collect();
     let [Some(first), Some(last)] = [waves.first(), waves.last()] else { return };
     // The best of many is worth less than it looks.
-    let chance = (waves.len() as f64).ln() + told::PLAIN_NATS;
+    let chance = (diagnosis.place.frequencies_tried.max(1) as f64).ln() + told::PLAIN_NATS;
     let frame = Frame {
         x: [first.hz.ln(), last.hz.ln()],
         y: [0.0, range(waves.iter().map(|wave| wave.gain).chain([0.0, chance]))[1]],
