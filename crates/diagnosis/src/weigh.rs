@@ -179,20 +179,19 @@ impl Weighed {
         if let Some(none) = none {
             let nominal = calibration.nominal(probabilities[none]);
             give_none(&mut probabilities, none, nominal);
-        }
-        let mut unknown = probabilities.pop().unwrap_or(0.0);
-        if none.is_some() {
             settle_channels(&hypotheses, &mut probabilities, calibration);
         }
+        let mut unknown = probabilities.pop().unwrap_or(0.0);
         hide_seconds(&mut hypotheses, &mut probabilities, calibration.hidden_second);
         if let Some(none) = none {
             unknown += calibration.hidden_as_unknown() * probabilities[none];
             hide_firsts(&mut hypotheses, &mut probabilities, none, calibration);
-            let before = probabilities[none];
-            let others = (0..probabilities.len()).filter(|i| *i != none).map(|i| probabilities[i]);
-            let told = calibration.told(before, others.fold(unknown, f64::max));
+            probabilities.push(unknown);
+            let rivals = probabilities.iter().enumerate().filter(|(i, _)| *i != none);
+            let rival = rivals.map(|(_, probability)| *probability).fold(0.0, f64::max);
+            let told = calibration.told(probabilities[none], rival);
             give_none(&mut probabilities, none, told);
-            unknown *= (1.0 - told) / (1.0 - before).max(1e-12);
+            unknown = probabilities.pop().unwrap_or(0.0);
         }
         Self {
             hypotheses,
@@ -484,9 +483,10 @@ fn unexplained(
     let forgiven = if best.effects.is_empty() { forgiven_none } else { FORGIVEN_NATS };
     let mut flight = left - forgiven - share * gain;
     let past = on_best.past - forgiven - FORGIVEN_SHARE * gain;
-    let beyond = on_best.offset().max(on_best.drift) - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
-    if past.max(beyond) > 0.0 {
-        flight = flight.max(past).max(beyond);
+    let offset = on_best.offset().max(on_best.drift) - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
+    let beyond = past.max(offset);
+    if beyond > 0.0 {
+        flight = flight.max(beyond);
     }
     if direct.unexplained_pins > 0.0 { flight.max(0.0) + direct.unexplained_pins } else { flight }
 }

@@ -35,7 +35,7 @@ impl<V: VoltageOutput> VoltageOutput for Losing<V> {
 }
 
 /// What the nominal rig says of flights of another, each flown with a loss of its own.
-fn diagnose(flown: impl Fn(u64) -> Rig, loss: impl Fn(&SharedWorld) -> Loss) -> Diagnosis {
+fn diagnose(flown: impl Fn(u64) -> Rig, loss: impl Fn(SharedWorld) -> Loss) -> Diagnosis {
     let rig = rig();
     let missions = ["hop", "climb-040", "steps", "low-hover", "steps", "climb-040"];
     let tracks: Vec<Track> = missions
@@ -43,7 +43,7 @@ fn diagnose(flown: impl Fn(u64) -> Rig, loss: impl Fn(&SharedWorld) -> Loss) -> 
         .zip(1..)
         .map(|(name, number)| {
             let Lab { mut clock, output, mut tracker, world } = Lab::new(&flown(number), number).unwrap();
-            let mut output = Losing { output, loss: loss(&world), lost: 0.0 };
+            let mut output = Losing { output, loss: loss(world), lost: 0.0 };
             let mut records: Vec<Record> = Vec::new();
             let ends = (&mut clock, &mut output, &mut tracker);
             bench_run::fly(ends, &rig, &mission(name), &mut records, |_, _| true);
@@ -94,7 +94,6 @@ fn a_push_that_swings_at_one_frequency_is_no_known_effect() {
     let said = diagnose(
         |_| rig(),
         |world| {
-            let world = world.clone();
             Box::new(move || {
                 let time_s = world.borrow().true_state().time.seconds();
                 0.004 * (std::f64::consts::TAU * 1.37 * time_s).sin()
@@ -125,7 +124,6 @@ fn thrust_that_depends_on_where_the_airframe_was_is_no_known_effect() {
     let said = diagnose(
         |_| rig(),
         |world| {
-            let world = world.clone();
             let mut stirred = 0.0;
             Box::new(move || {
                 let low = (-(world.borrow().true_state().position_m.z / 0.2).powi(2)).exp();
