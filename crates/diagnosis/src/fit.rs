@@ -159,6 +159,10 @@ const LEVEL_ROUNDS: usize = 2;
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
 
+/// The parameter that is started where flights end.
+const CEILING: &str = "ceiling_m";
+const LOST_ONE_IN: usize = 200;
+
 /// A straight line is followed so far at most.
 const STRAIGHT_SIGMAS: f64 = 1.0;
 
@@ -287,13 +291,51 @@ impl<'a> Problem<'a> {
         promises
     }
 
+    /// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
+    /// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no
+    /// size at which it is like what acts late; a ceiling where flights end, for from elsewhere another form of it may hide
+    /// the way there.
+    pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
+        let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
+            let mut values: Vec<f64> = match (p.prior, p.neutral) {
+                (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
+                    vec![mean, mean + sigma]
+                }
+                _ if p.default.is_some() => p.default.into_iter().collect(),
+                (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
+                (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],
+                (Prior::LogNormal { median, sigma_ln }, _) => {
+                    [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
+                }
+            };
+            if p.key == CEILING {
+                values.push(self.highest_m());
+            }
+            values.into_iter().map(|value| value.clamp(p.min, p.max)).collect()
+        }));
+        // Not where the effect vanishes.
+        grid.retain(|values| {
+            let parameters = LIBRARY[effect].parameters.iter().zip(values);
+            parameters.clone().any(|(p, value)| p.neutral.is_some_and(|n| n != *value))
+        });
+        grid
+    }
+
+    /// How high flights went, m: but for one sighting in so many, which may be anywhere.
+    fn highest_m(&self) -> f64 {
+        let mut seen: Vec<f64> =
+            self.tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m).collect();
+        seen.sort_by(f64::total_cmp);
+        seen.len().checked_sub(1 + seen.len() / LOST_ONE_IN).map_or(0.0, |at| seen[at])
+    }
+
     fn promises_at(&self, base: &Fit, point: &Point, effects: &[usize]) -> Vec<Promise> {
         let free = &base.free;
         let mut directions = directions(free, point);
         let fitted = directions.len();
         let mut starts = Vec::new();
         for effect in effects {
-            for values in start_values(*effect) {
+            for values in self.start_values(*effect) {
                 directions.push(Direction::Added(*effect, values.clone()));
                 starts.push((*effect, values));
             }
@@ -681,29 +723,4 @@ pub(crate) fn every_choice(lists: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64
         let with = |head: &Vec<f64>, value: f64| [head.as_slice(), &[value]].concat();
         heads.iter().flat_map(|head| values.iter().map(move |value| with(head, *value))).collect()
     })
-}
-
-/// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
-/// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no size at
-/// which it is like what acts late.
-pub(crate) fn start_values(effect: usize) -> Vec<Vec<f64>> {
-    let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
-        let values: Vec<f64> = match (p.prior, p.neutral) {
-            (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
-                vec![mean, mean + sigma]
-            }
-            _ if p.default.is_some() => p.default.into_iter().collect(),
-            (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
-            (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],
-            (Prior::LogNormal { median, sigma_ln }, _) => {
-                [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
-            }
-        };
-        values.into_iter().map(|value| value.clamp(p.min, p.max)).collect()
-    }));
-    // Not where the effect vanishes.
-    grid.retain(|values| {
-        LIBRARY[effect].parameters.iter().zip(values).any(|(p, value)| p.neutral.is_some_and(|n| n != *value))
-    });
-    grid
 }

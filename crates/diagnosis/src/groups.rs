@@ -4,7 +4,7 @@
 use bench_plant::effects::LIBRARY;
 
 use crate::{
-    fit::{Fit, Problem, directions, project, start_values},
+    fit::{Fit, Problem, directions, project},
     pass::{Direction, run},
     random::is_random,
 };
@@ -36,7 +36,7 @@ pub fn cosines(
     directions.push(Direction::Added(fitted.0, fitted.1.clone()));
     let mut owners = Vec::new();
     for other in others.iter().filter(|other| **other != fitted.0 && !is_random(**other)) {
-        for values in start_values(*other) {
+        for values in problem.start_values(*other) {
             directions.push(Direction::Added(*other, values));
             owners.push(*other);
         }

@@ -105,6 +105,21 @@ fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
             0.12,
             0.0,
         ),
+        // Flights end below the ceiling, and just at it.
+        (
+            "ceiling-effect:gain=0.1,ceiling_m=1.1,decay_m=0.25,exponent=2",
+            "ceiling-effect",
+            "exponent",
+            2.0,
+            1.0,
+        ),
+        (
+            "ceiling-effect:gain=0.1,ceiling_m=0.95,decay_m=0.08,exponent=2",
+            "ceiling-effect",
+            "exponent",
+            2.0,
+            1.0,
+        ),
     ] {
         let diagnosis = diagnose(&[text]);
         assert_eq!(diagnosis.effects, [name], "{text}: {:#?}", &diagnosis.candidates[..2]);
