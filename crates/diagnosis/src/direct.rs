@@ -86,6 +86,11 @@ const FINEST: f64 = 0.2;
 const COARSEST: f64 = 3.0;
 const FINE_STEPS: u32 = 2_000;
 const FINE_PINS: usize = 500;
+/// Treads are found on so many readbacks, each costs so many nats, for its level and where it begins, and moves no pin by more
+/// than so many mean rises.
+const TREAD_PINS: usize = 1_500;
+const TREAD_COST: f64 = 6.0;
+const LONGEST_TREAD: f64 = 2.2;
 /// Fewest flights whose scales are compared, and nats that each one's costs.
 const LEAST_FLIGHTS: usize = 3;
 const SCALE_COST: f64 = 1.0;
@@ -298,48 +303,68 @@ impl PinChannel<'_> {
             })
     }
 
-    /// Steps of any length: readbacks keep to a few levels where commands do not.
-    fn levels(&self) -> Option<PinLaw> {
+    /// Treads of any length: what the pin holds is constant between some commands, found by dynamic programming over the
+    /// commands in their order (Bellman, *On the approximation of curves by line segments using dynamic programming*,
+    /// Communications of the ACM 4(6), 1961).
+    fn treads(&self) -> Option<PinLaw> {
         let sticks = &self.rig.airframe.sticks;
-        let range = sticks.max - sticks.min;
-        let moved: Vec<&Pin> =
+        let mut moved: Vec<&Pin> =
             self.flights.iter().flat_map(|pins| pins.iter()).filter(|pin| pin.asked > sticks.min).collect();
-        let mut seen: Vec<f64> = moved.iter().map(|pin| pin.readback).collect();
-        seen.sort_by(f64::total_cmp);
-        let mut runs: Vec<(f64, usize, f64)> = Vec::new();
-        for x in seen {
-            match runs.last_mut() {
-                Some((sum, n, last)) if x - *last < 1.5 * self.sigma => {
-                    *sum += x;
-                    *n += 1;
-                    *last = x;
-                }
-                _ => runs.push((x, 1, x)),
-            }
+        moved.sort_by(|a, b| a.asked.total_cmp(&b.asked));
+        let stride = moved.len().div_ceil(TREAD_PINS).max(1);
+        let shown: Vec<&Pin> = moved.iter().copied().step_by(stride).collect();
+        let first = shown.first()?;
+        // Sums up to each pin, from the first readback: differences of squares must not be lost.
+        let mut sums = vec![(0.0, 0.0)];
+        for (i, pin) in shown.iter().enumerate() {
+            let off = (pin.readback - first.readback) / self.sigma;
+            sums.push((sums[i].0 + off, sums[i].1 + off * off));
         }
-        let levels: Vec<f64> = runs.into_iter().map(|(sum, n, _)| sum / n as f64).collect();
+        let off = |from: usize, to: usize| {
+            let (sum, square) = (sums[to].0 - sums[from].0, sums[to].1 - sums[from].1);
+            0.5 * (square - sum * sum / (to - from) as f64)
+        };
+        // The least excess of all pins before one, and where the last tread before it begins.
+        let mut least: Vec<(f64, usize)> = vec![(0.0, 0)];
+        for to in 1..=shown.len() {
+            let best = (0..to)
+                .filter(|from| *from == 0 || shown[*from].asked > shown[*from - 1].asked)
+                .map(|from| (least[from].0 + off(from, to) + TREAD_COST, from))
+                .min_by(|a, b| a.0.total_cmp(&b.0))?;
+            least.push(best);
+        }
+        // From where on, and what the pin holds there.
+        let mut treads: Vec<(f64, f64)> = Vec::new();
+        let mut to = shown.len();
+        while to > 0 {
+            let from = least[to].1;
+            let level = shown[from..to].iter().map(|pin| pin.readback).sum::<f64>() / (to - from) as f64;
+            treads.push((shown[from].asked, level));
+            to = from;
+        }
+        treads.reverse();
         let mut commands: Vec<f64> = moved.iter().map(|pin| pin.commanded).collect();
-        commands.sort_by(f64::total_cmp);
         commands.dedup();
-        if levels.len() < 3 || 3 * levels.len() > 2 * commands.len() {
+        if treads.len() < 3 || treads.len() >= commands.len() {
             return None;
         }
-        let step = (levels.last()? - levels.first()?) / (levels.len() - 1) as f64;
+        let (_, lowest) = *treads.first()?;
+        let step = (treads.last()?.1 - lowest) / (treads.len() - 1) as f64;
         let excess = self.all(|pin, _| {
             if pin.asked <= sticks.min {
                 return pin.asked;
             }
-            // Near what was asked for, or any level would do.
-            levels
-                .iter()
-                .copied()
-                .filter(|level| (level - pin.asked).abs() < 2.2 * step)
-                .min_by(|a, b| (a - pin.readback).abs().total_cmp(&(b - pin.readback).abs()))
-                .unwrap_or(pin.asked)
+            let above = treads.partition_point(|(from, _)| *from <= pin.asked);
+            let (_, level) = treads[above.saturating_sub(1)];
+            // A tread moves a pin by no more than its length, a limit does.
+            if (level - pin.asked).abs() < LONGEST_TREAD * step { level } else { pin.asked }
         });
-        // A free number a level.
-        let excess = excess + 3.0 * levels.len() as f64;
-        Some(PinLaw { effect: library("actuator-quantisation"), excess, values: vec![step / range] })
+        let excess = excess + TREAD_COST * treads.len() as f64;
+        Some(PinLaw {
+            effect: library("actuator-quantisation"),
+            excess,
+            values: vec![step / (sticks.max - sticks.min)],
+        })
     }
 
     /// The pin follows with a first-order lag, and is read on its way.
@@ -439,7 +464,7 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         channel.saturation(),
         channel.quantisation(),
         channel.fine_quantisation(),
-        channel.levels(),
+        channel.treads(),
         channel.lag(),
         channel.backlash(false),
         channel.backlash(true),

@@ -5,8 +5,9 @@
 
 mod support;
 
+use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
-use bench_plant::effects::parse_effect;
+use bench_plant::{effects::parse_effect, lab::Lab};
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::Rig;
 use bench_run::simulate;
@@ -219,6 +220,49 @@ fn steps_finer_than_the_outputs_are_quantisation() {
         assert_eq!(said.effects, ["actuator-quantisation"], "{step}: {:#?}", &said.candidates[..2]);
         let found = said.candidates[0].parameters[0].value;
         assert!((found / step - 1.0).abs() < 0.05, "{step}: {found}");
+    }
+}
+
+/// An output whose treads are of two lengths in turn, 0.35 and 0.65 of a pitch; its readback shows them.
+struct Treads<V> {
+    output: V,
+    pitch_v: f64,
+}
+
+impl<V: VoltageOutput> VoltageOutput for Treads<V> {
+    fn write(&mut self, sticks: Sticks) -> Result<(), DeviceError> {
+        let place = sticks.throttle / self.pitch_v;
+        let part = if place.fract() < 0.35 { 0.0 } else { 0.7 };
+        self.output.write(Sticks { throttle: self.pitch_v * (place.floor() + part), ..sticks })
+    }
+
+    fn read_back(&mut self) -> Result<Option<Readback>, DeviceError> {
+        self.output.read_back()
+    }
+}
+
+#[test]
+fn treads_of_uneven_length_are_quantisation() {
+    let nominal = rig();
+    let mut fine = nominal.clone();
+    fine.output.bits = 0;
+    // The shorter rise of the finer one is three sigma of the readback's noise.
+    for pitch_v in [0.037, 0.12] {
+        let tracks: Vec<Track> = MISSIONS
+            .into_iter()
+            .zip(1..)
+            .map(|(name, seed)| {
+                let Lab { mut clock, output, mut tracker, .. } = Lab::new(&fine, seed).unwrap();
+                let mut records: Vec<Record> = Vec::new();
+                let ends = (&mut clock, &mut Treads { output, pitch_v }, &mut tracker);
+                bench_run::fly(ends, &nominal, &mission(name), &mut records, |_, _| true);
+                let flight = Flight::from_records(Session::new(Mode::Sim), records);
+                Track::from_flight(name, &flight, &nominal).unwrap()
+            })
+            .collect();
+        let said = told(&tracks, &nominal);
+        assert_eq!(said.effects, ["actuator-quantisation"], "{pitch_v}: {:#?}", &said.candidates[..2]);
+        assert_eq!(said.place.unexplained_readback, 0.0);
     }
 }
 
