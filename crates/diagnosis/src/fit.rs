@@ -161,6 +161,7 @@ const BENT_SIGMAS: f64 = 3.0;
 
 /// The parameter that is started where flights end.
 const CEILING: &str = "ceiling_m";
+const CEILING_STARTS: [f64; 4] = [0.6, 0.8, 1.0, 1.3];
 const LOST_ONE_IN: usize = 200;
 
 /// A straight line is followed so far at most.
@@ -297,7 +298,8 @@ impl<'a> Problem<'a> {
     /// the way there.
     pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
-            let mut values: Vec<f64> = match (p.prior, p.neutral) {
+            let values: Vec<f64> = match (p.prior, p.neutral) {
+                _ if p.key == CEILING => CEILING_STARTS.map(|share| share * self.highest_m()).to_vec(),
                 (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
                     vec![mean, mean + sigma]
                 }
@@ -308,9 +310,6 @@ impl<'a> Problem<'a> {
                     [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
                 }
             };
-            if p.key == CEILING {
-                values.push(self.highest_m());
-            }
             values.into_iter().map(|value| value.clamp(p.min, p.max)).collect()
         }));
         // Not where the effect vanishes.

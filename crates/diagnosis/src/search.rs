@@ -102,6 +102,14 @@ impl Search {
             .filter(|single| is_random(single.point.effects[0].0))
             .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
             .collect();
+        let again = again(problem, &bases, &pairs);
+        if let Some(found) = &again {
+            let others: Vec<usize> =
+                effects.iter().copied().filter(|effect| !found.effects().contains(effect)).collect();
+            pairs.extend(seconds(found, &others, SECONDS_UNFOLDED));
+            pairs
+                .par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, found, *effect)));
+        }
         if let Some((first, others)) = spreads.split_first() {
             pairs.extend(seconds(first, &effects, SECONDS_UNFOLDED));
             pairs.par_extend(
@@ -120,6 +128,7 @@ impl Search {
             }
         }
         let mut fits = vec![null];
+        fits.extend(again);
         fits.extend(singles);
         fits.extend(pairs);
         Self { fits }
@@ -140,6 +149,21 @@ impl Search {
             .map(|i| self.gain(i))
             .fold(0.0, f64::max)
     }
+}
+
+/// A pair that is so many nats ahead of one of its laws may stand where that law alone had not found the way.
+const AGAIN_NATS: f64 = 8.0;
+
+/// The better law of the best pair, fitted anew alone from where it stands there; `None` where that gains nothing.
+fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
+    let best = pairs.iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
+    let base = bases.iter().find(|base| best.effects().contains(&base.point.effects[0].0))?;
+    if best.log_evidence < base.log_evidence + AGAIN_NATS {
+        return None;
+    }
+    let mut start = best.point.clone();
+    start.effects.retain(|(effect, _)| *effect == base.point.effects[0].0);
+    Some(problem.refine(start, best.noise)).filter(|fit| fit.log_evidence > base.log_evidence)
 }
 
 /// Passes after which fits are compared, and nats by which one may be behind the best then to be followed to its end.
