@@ -552,6 +552,11 @@ impl Descent {
         self.here.point.effect_indices()
     }
 
+    /// The negative log-posterior here, but for constants.
+    pub(crate) fn objective(&self) -> f64 {
+        self.here.objective
+    }
+
     /// Logarithm of the evidence here.
     pub(crate) fn log_evidence(&self) -> f64 {
         log_evidence(self.here.objective, &self.free, &self.here.hessian)

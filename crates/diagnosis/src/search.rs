@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::{
     fit::{Descent, Fit, MAX_PASSES, Problem, Promise},
+    law::Point,
     random::{self, is_random},
 };
 
@@ -176,12 +177,45 @@ const SECONDS_UNFOLDED: usize = 1;
 /// where they are not behind the best by more than that, or than this share of what it gains.
 const FORM_SHARE: f64 = 0.3;
 
+/// A start that is so many nats worse than what it stands on went too far along a straight line: it is halved so often.
+const OVERSHOT_NATS: f64 = 20.0;
+const MOST_HALVINGS: usize = 3;
+
+/// A start half as far from the point that it stands on: the size of the effect that it adds, last, and all that moved with it.
+fn nearer(base: &Point, mut start: Point) -> Point {
+    for (value, from) in start.nuisances.iter_mut().zip(base.nuisances) {
+        *value = 0.5 * (*value + from);
+    }
+    for ((_, values), (_, from)) in start.effects.iter_mut().zip(&base.effects) {
+        for (value, from) in values.iter_mut().zip(from) {
+            *value = 0.5 * (*value + from);
+        }
+    }
+    if let Some((effect, values)) = start.effects.last_mut() {
+        for (value, p) in values.iter_mut().zip(LIBRARY[*effect].parameters) {
+            if let Some(neutral) = p.neutral {
+                *value = 0.5 * (*value + neutral);
+            }
+        }
+    }
+    start
+}
+
 /// Fits starts, with the random effects of what they stand on as those are; of those of one effect, the better fit.
 fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfolded: usize) -> Vec<Fit> {
     let mut descents: Vec<Descent> = promises
         .into_par_iter()
         .map(|promise| {
-            let mut descent = problem.descent(promise.start, base.noise, base.point.effects.len());
+            let mut start = promise.start;
+            let mut descent = problem.descent(start.clone(), base.noise, base.point.effects.len());
+            let halvings = if base.point.effects.is_empty() { 0 } else { MOST_HALVINGS };
+            for _ in 0..halvings {
+                if descent.objective() < base.objective + OVERSHOT_NATS {
+                    break;
+                }
+                start = nearer(&base.point, start);
+                descent = problem.descent(start.clone(), base.noise, base.point.effects.len());
+            }
             descent.go(problem, FIRST_PASSES);
             descent
         })

@@ -379,3 +379,22 @@ fn every_figure_of_a_diagnosis_is_a_number() {
     let at = beside.find("null").map(|at| beside[at.saturating_sub(80)..at + 4].to_owned());
     assert_eq!(at, None);
 }
+
+#[test]
+fn two_laws_along_the_same_quantities_are_both_named() {
+    // Both bend what is seen over altitude, and both follow changes of thrust: what the first leaves there, had it another form,
+    // is not what the second gains.
+    for (first, second) in [
+        // A straight line from the first alone leads to where nothing flies.
+        ("ground-effect-dynamic:time_constant_s=0.37", "tracker-scale:scale_error=-0.03,bias_m=0.018"),
+        ("battery-load:sag=0.13,time_constant_s=0.25", "actuator-lag:time_constant_s=0.03"),
+    ] {
+        let said = diagnose(&[first, second]);
+        let name = |text: &str| text.split_once(':').unwrap().0.to_owned();
+        let mut named = said.effects.clone();
+        named.sort_unstable();
+        let mut planted = [name(first), name(second)];
+        planted.sort_unstable();
+        assert_eq!(named, planted, "{:#?}", &said.candidates[..3]);
+    }
+}
