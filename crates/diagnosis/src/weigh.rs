@@ -31,10 +31,10 @@ const FORGIVEN_NONE_PULSES_NATS: f64 = 4.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
 const SECOND_LAW: (f64, f64) = (4.0, 0.105);
-/// or so many nats and times what the first is seen to leave along its own quantities, where that is less;
-const FORM_SEEN: (f64, f64) = (0.0, 2.0);
-/// the same along quantities of the first's own, where the second may itself be another form of the first.
-const FORM_SEEN_ALONG: (f64, f64) = (5.0, 2.0);
+/// or the same nats and so many times what the first is seen to leave along its own quantities, where that is less;
+const FORM_SEEN: f64 = 2.0;
+/// so many nats more for a second along the same quantities, which may itself be another form of the first;
+const ALONG_THE_SAME_NATS: f64 = 5.0;
 /// noise on top of a law, which takes in whatever the law leaves,
 const SECOND_NOISE: (f64, f64) = (8.0, 0.05);
 /// readings that stand still or lie far off on top of a law,
@@ -441,9 +441,9 @@ fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis]) {
         }
         let (first, second) = if search.alone(&[a]) >= search.alone(&[b]) { (a, b) } else { (b, a) };
         let along = own_axes(first).iter().any(|axis| own_axes(second).contains(axis));
-        let (nats, times) = if along { FORM_SEEN_ALONG } else { FORM_SEEN };
+        let same_nats = if along { ALONG_THE_SAME_NATS } else { 0.0 };
         if let Some((_, form)) = seen.iter().find(|(effect, _)| *effect == first) {
-            h.forgiven = h.forgiven.min(SECOND_LAW.0 + nats + times * form);
+            h.forgiven = h.forgiven.min(SECOND_LAW.0 + same_nats + FORM_SEEN * form);
         }
     }
 }
