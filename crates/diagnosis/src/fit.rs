@@ -299,7 +299,10 @@ impl<'a> Problem<'a> {
     pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values: Vec<f64> = match (p.prior, p.neutral) {
-                _ if p.key == CEILING => CEILING_STARTS.map(|share| share * self.highest_m()).to_vec(),
+                _ if p.key == CEILING => {
+                    let highest_m = self.highest_m();
+                    CEILING_STARTS.map(|share| share * highest_m).to_vec()
+                }
                 (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
                     vec![mean, mean + sigma]
                 }

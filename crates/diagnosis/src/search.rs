@@ -84,18 +84,26 @@ impl Search {
             .take(PAIR_BASES)
             .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
             .collect();
-        let mut done: Vec<usize> = Vec::new();
+        let others = |taken: &[usize]| -> Vec<usize> {
+            effects.iter().copied().filter(|effect| !taken.contains(effect)).collect()
+        };
+        let all_seconds = |base: &Fit| {
+            let mut pairs = seconds(base, &others(&base.effects()), SECONDS_UNFOLDED);
+            pairs.par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, base, *effect)));
+            pairs
+        };
         let mut pairs: Vec<Fit> = Vec::new();
-        for (rank, base) in bases.iter().enumerate() {
-            done.extend(base.effects());
-            let others: Vec<usize> =
-                effects.iter().copied().filter(|effect| !done.contains(effect)).collect();
-            pairs.extend(seconds(base, &others, if rank == 0 { SECONDS_UNFOLDED } else { 0 }));
-            if rank == 0 {
-                pairs.par_extend(
-                    random.par_iter().filter_map(|effect| random::fit_with(problem, base, *effect)),
-                );
+        if let Some((best, lesser)) = bases.split_first() {
+            pairs.extend(all_seconds(best));
+            let mut done = best.effects();
+            for base in lesser {
+                done.extend(base.effects());
+                pairs.extend(seconds(base, &others(&done), 0));
             }
+        }
+        let again = again(problem, &bases, &pairs);
+        if let Some(found) = &again {
+            pairs.extend(all_seconds(found));
         }
         // Under noise that a random effect brings, laws show that the null's own noise would drown or invent.
         let spreads: Vec<&Fit> = singles
@@ -103,14 +111,6 @@ impl Search {
             .filter(|single| is_random(single.point.effects[0].0))
             .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
             .collect();
-        let again = again(problem, &bases, &pairs);
-        if let Some(found) = &again {
-            let others: Vec<usize> =
-                effects.iter().copied().filter(|effect| !found.effects().contains(effect)).collect();
-            pairs.extend(seconds(found, &others, SECONDS_UNFOLDED));
-            pairs
-                .par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, found, *effect)));
-        }
         if let Some((first, others)) = spreads.split_first() {
             pairs.extend(seconds(first, &effects, SECONDS_UNFOLDED));
             pairs.par_extend(

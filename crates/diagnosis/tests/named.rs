@@ -4,14 +4,17 @@
 //! on flights of other physics.
 
 mod support;
+#[path = "support/through.rs"]
+mod through;
 
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
-use bench_plant::{effects::parse_effect, lab::Lab};
+use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::Rig;
 use bench_run::simulate;
 use support::{mission, rig};
+use through::track_through;
 
 fn fly(rig: &Rig, name: &str, seed: u64) -> Flight {
     let mut records: Vec<Record> = Vec::new();
@@ -260,12 +263,7 @@ fn treads_of_uneven_length_are_quantisation() {
             .into_iter()
             .zip(1..)
             .map(|(name, seed)| {
-                let Lab { mut clock, output, mut tracker, .. } = Lab::new(&fine, seed).unwrap();
-                let mut records: Vec<Record> = Vec::new();
-                let ends = (&mut clock, &mut Treads { output, pitch_v }, &mut tracker);
-                bench_run::fly(ends, &nominal, &mission(name), &mut records, |_, _| true);
-                let flight = Flight::from_records(Session::new(Mode::Sim), records);
-                Track::from_flight(name, &flight, &nominal).unwrap()
+                track_through(&fine, &nominal, name, seed, |output, _| Treads { output, pitch_v })
             })
             .collect();
         let said = told(&tracks, &nominal);

@@ -1,13 +1,15 @@
 //! Laws that the library does not have.
 
 mod support;
+#[path = "support/through.rs"]
+mod through;
 
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
-use bench_plant::lab::{Lab, SharedWorld};
-use bench_recording::{Flight, Mode, Record, Session};
+use bench_plant::lab::SharedWorld;
 use bench_rig::Rig;
-use support::{mission, rig};
+use support::rig;
+use through::track_through;
 
 /// What of the throttle is lost at the next command, as a share.
 type Loss = Box<dyn FnMut() -> f64>;
@@ -42,13 +44,11 @@ fn diagnose(flown: impl Fn(u64) -> Rig, loss: impl Fn(SharedWorld) -> Loss) -> D
         .into_iter()
         .zip(1..)
         .map(|(name, number)| {
-            let Lab { mut clock, output, mut tracker, world } = Lab::new(&flown(number), number).unwrap();
-            let mut output = Losing { output, loss: loss(world), lost: 0.0 };
-            let mut records: Vec<Record> = Vec::new();
-            let ends = (&mut clock, &mut output, &mut tracker);
-            bench_run::fly(ends, &rig, &mission(name), &mut records, |_, _| true);
-            let flight = Flight::from_records(Session::new(Mode::Sim), records);
-            Track::from_flight(name, &flight, &rig).unwrap()
+            track_through(&flown(number), &rig, name, number, |output, world| Losing {
+                output,
+                loss: loss(world),
+                lost: 0.0,
+            })
         })
         .collect();
     Diagnosis::of(&Problem::new(&tracks, &rig), &Calibration::built_in())
