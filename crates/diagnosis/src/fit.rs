@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Point},
-    pass::{Direction, Noise, PROBES, Pass, fly_track, run},
-    random,
+    pass::{Direction, LIFT_OFF_M_S, NEAR_GROUND_ACCELERATION, Noise, PROBES, Pass, fly_track, run},
+    random, settle,
     track::Track,
 };
 
@@ -132,7 +132,7 @@ const CALM_SIGMA_LN: f64 = 1.0;
 const WINDY_FROM_LN: f64 = 0.5;
 const WINDY_SIGMA_LN: f64 = 0.2;
 /// Memories of turbulence that are tried, s.
-const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
+pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
 const TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 
 /// How far the logarithm of a turbulence over the usual lies from it, in sigmas.
@@ -145,10 +145,13 @@ fn turbulence_sigmas(ln_ratio: f64) -> f64 {
 }
 pub(crate) const MAX_PASSES: usize = 14;
 const FIRST_DAMPING: f64 = 1e-3;
+const MOST_DAMPING: f64 = 1e4;
 /// A step that promises less, in nats, is not worth a pass.
-const WORTH: f64 = 0.05;
-/// No coordinate moves by more prior deviations at once.
-const LONGEST_STEP: f64 = 2.0;
+pub(crate) const WORTH: f64 = 0.05;
+/// No coordinate moves by more prior deviations at once: numbers that were bent far are on their way back in a few steps. Long
+/// steps may also lead astray, short ones may not arrive.
+const LONG_STEPS: f64 = 5.0;
+const SHORT_STEPS: f64 = 2.0;
 
 /// Noise of flights is levelled on a grid of its logarithm, so often: once with numbers fitted to flights as they are, once
 /// with numbers fitted to levelled ones.
@@ -196,6 +199,8 @@ impl<'a> Problem<'a> {
             stale_probability: 0.0,
             velocity_m_s: rig.disturbance.velocity_noise_m_s.unwrap_or(0.0),
             acceleration_m_s2: rig.disturbance.acceleration_noise_m_s2.unwrap_or(0.0),
+            near_ground: NEAR_GROUND_ACCELERATION,
+            lift_off_m_s: LIFT_OFF_M_S,
         };
         Self { tracks, rig, nominal, sigma, noise }
     }
@@ -239,7 +244,13 @@ impl<'a> Problem<'a> {
     /// The null hypothesis: the rig's numbers within their tolerances, no effect. It also finds for how long the
     /// turbulence of these flights remembers, unless the rig says so, which all other hypotheses take over.
     pub fn fit_null(&self) -> Fit {
-        let fit = self.refine(self.nominal.clone(), self.noise);
+        let [short, long] = [SHORT_STEPS, LONG_STEPS].map(|longest_step| {
+            let mut descent = self.descent(self.nominal.clone(), self.noise, usize::MAX);
+            descent.longest_step = longest_step;
+            descent.go(self, MAX_PASSES, WORTH);
+            descent.into_fit()
+        });
+        let fit = if short.objective <= long.objective { short } else { long };
         if self.rig.disturbance.turbulence_time_s.is_some() {
             return fit;
         }
@@ -396,7 +407,7 @@ impl<'a> Problem<'a> {
     /// Levenberg-Marquardt on the posterior, noise included, from a start.
     pub fn refine(&self, start: Point, noise: Noise) -> Fit {
         let mut descent = self.descent(start, noise, usize::MAX);
-        descent.go(self, MAX_PASSES);
+        descent.go(self, MAX_PASSES, WORTH);
         descent.into_fit()
     }
 
@@ -404,7 +415,7 @@ impl<'a> Problem<'a> {
     pub(crate) fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
         let free = self.free(&start, plain_from);
         let here = self.look(start, noise, &free);
-        Descent { free, here, damping: FIRST_DAMPING, passes: 1, settled: false }
+        Descent { free, here, damping: FIRST_DAMPING, longest_step: LONG_STEPS, passes: 1 }
     }
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
@@ -437,7 +448,7 @@ impl<'a> Problem<'a> {
             free.iter().map(|f| 0.5 * ((f.own(point.get(f.at)) - f.mean) / f.sigma).powi(2)).sum();
         let sighting = (noise.sighting_m / self.noise.sighting_m).ln() / SIGHTING_SIGMA_LN;
         let turbulence = turbulence_sigmas((noise.turbulence / self.noise.turbulence).ln());
-        numbers + 0.5 * (sighting * sighting + turbulence * turbulence)
+        numbers + 0.5 * (sighting * sighting + turbulence * turbulence) + settle::prior(self, noise)
     }
 
     /// Newton steps of the logarithms of turbulence and tracker noise, and what they promise, from parabolas through the
@@ -527,16 +538,14 @@ pub(crate) struct Descent {
     free: Vec<Free>,
     here: Look,
     damping: f64,
+    longest_step: f64,
     passes: usize,
-    settled: bool,
 }
 
 impl Descent {
-    /// Goes on until nothing is to be gained, or so many passes are made in all.
-    pub(crate) fn go(&mut self, problem: &Problem<'_>, most: usize) {
-        while !self.settled && self.passes < most {
-            self.settled = !self.step(problem);
-        }
+    /// Goes on until a step promises less than so many nats, or so many passes are made in all.
+    pub(crate) fn go(&mut self, problem: &Problem<'_>, most: usize, worth: f64) {
+        while self.passes < most && self.step(problem, worth) {}
     }
 
     /// Frees the parameters that give effects another than their plainest form.
@@ -546,7 +555,6 @@ impl Descent {
             self.here = problem.look(self.here.point.clone(), self.here.noise, &free);
             self.free = free;
             self.passes += 1;
-            self.settled = false;
         }
     }
 
@@ -565,17 +573,26 @@ impl Descent {
         log_evidence(self.here.objective, &self.free, &self.here.hessian)
     }
 
-    fn step(&mut self, problem: &Problem<'_>) -> bool {
+    /// What the next step promises, nats: none where there is none.
+    pub(crate) fn promise(&self) -> f64 {
+        self.next().map_or(0.0, |(_, promise)| promise)
+    }
+
+    /// The next step of the coordinates, and what it and that of the noise promise, nats.
+    fn next(&self) -> Option<(DVector<f64>, f64)> {
+        let (hessian, gradient) = within_ranges(&self.free, &self.here);
+        let step = damped_step(&hessian, &gradient, self.damping).filter(|_| self.damping <= MOST_DAMPING)?;
+        let promise = 0.5 * gradient.dot(&step) + self.here.noise_step.2;
+        Some((step, promise))
+    }
+
+    /// One pass, where its step promises so many nats; whether it was made.
+    fn step(&mut self, problem: &Problem<'_>, worth: f64) -> bool {
+        let Some((step, _)) = self.next().filter(|(_, promise)| *promise >= worth) else { return false };
         let here = &mut self.here;
-        let (hessian, gradient) = within_ranges(&self.free, here);
-        let Some(step) = damped_step(&hessian, &gradient, self.damping) else { return false };
-        let worth = 0.5 * gradient.dot(&step) + here.noise_step.2;
-        if worth < WORTH {
-            return false;
-        }
         let mut point = here.point.clone();
         for (f, dx) in self.free.iter().zip(step.iter()) {
-            let limit = LONGEST_STEP * f.sigma;
+            let limit = self.longest_step * f.sigma;
             let own = f.own(point.get(f.at)) + dx.clamp(-limit, limit);
             *point.get_mut(f.at) = f.value(own);
         }
@@ -591,7 +608,7 @@ impl Descent {
             self.damping = (self.damping * 8.0).max(0.01);
             here.noise_step = (0.5 * here.noise_step.0, 0.5 * here.noise_step.1, 0.5 * here.noise_step.2);
         }
-        self.damping <= 1e4
+        true
     }
 
     pub(crate) fn into_fit(self) -> Fit {

@@ -23,6 +23,7 @@ mod pulse;
 mod random;
 mod region;
 mod search;
+mod settle;
 mod smooth;
 mod stage;
 mod track;

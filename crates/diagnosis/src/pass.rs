@@ -37,6 +37,10 @@ pub struct Noise {
     pub velocity_m_s: f64,
     /// The same of the acceleration, m/s^2.
     pub acceleration_m_s2: f64,
+    /// White acceleration besides, near the ground, whose effect has a kink: m/s^2 per root Hz.
+    pub near_ground: f64,
+    /// Spread of the vertical speed when the airframe leaves the ground, m/s.
+    pub lift_off_m_s: f64,
 }
 
 impl Noise {
@@ -525,7 +529,7 @@ impl Filter {
             self.standing = false;
             for p in std::iter::once(&mut self.p).chain(self.probes.iter_mut().map(|probe| &mut probe.p)) {
                 p[0][0] += LIFT_OFF_M * LIFT_OFF_M;
-                p[1][1] += LIFT_OFF_M_S * LIFT_OFF_M_S;
+                p[1][1] += self.noise.lift_off_m_s.powi(2);
             }
         }
         let (az, av) = self.slopes(a0);
@@ -873,8 +877,8 @@ fn spread(p: &mut Covariance, f: &Transition, h: f64, near_ground: bool, noise: 
     let row =
         |f: &[f64; 3]| [0, 1, 2, 3].map(|j| f[0] * p[0][j] + f[1] * p[1][j] + f[2] * (p[2][j] + p[3][j]));
     let (fz, fv) = (row(&f.z), row(&f.v));
-    let q = if near_ground { noise.acceleration.hypot(NEAR_GROUND_ACCELERATION) } else { noise.acceleration }
-        .powi(2);
+    let q =
+        if near_ground { noise.acceleration.hypot(noise.near_ground) } else { noise.acceleration }.powi(2);
     let dot = |a: &[f64; 4], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + (a[2] + a[3]) * b[2];
     let p00 = dot(&fz, &f.z) + q * h * h * h / 3.0;
     let p01 = dot(&fz, &f.v) + q * h * h / 2.0;

@@ -1,12 +1,16 @@
 //! Which hypotheses are fitted: none, every effect, and pairs built forward on the best.
 
 use bench_plant::effects::{LIBRARY, index_of};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::{
-    fit::{Descent, Fit, MAX_PASSES, Problem, Promise},
+    fit::{Descent, Fit, MAX_PASSES, Problem, Promise, WORTH},
     law::Point,
     random::{self, is_random},
+    settle::settle,
+    track::Track,
 };
 
 /// Effects whose law acts on altitude or on the tracker's view of it. The others show directly in readbacks, ticks and
@@ -52,9 +56,20 @@ pub fn fitted_effects() -> Vec<usize> {
 }
 
 impl Search {
-    /// Fits all hypotheses that are worth it.
+    /// Fits all hypotheses that are worth it. Of many flights a few show the way: there fits begin near where they end.
     pub fn of(problem: &Problem<'_>) -> Self {
-        let null = problem.fit_null();
+        let few = few(problem.tracks);
+        let guide = few.map(|tracks| {
+            Self::guided(&Problem { tracks: &tracks, nominal: problem.nominal.clone(), ..*problem }, None)
+        });
+        Self::guided(problem, guide.as_ref())
+    }
+
+    fn guided(problem: &Problem<'_>, guide: Option<&Self>) -> Self {
+        let mut null = match guide {
+            None => problem.fit_null(),
+            Some(guide) => settle(problem, problem.refine(guide.fits[0].point.clone(), guide.fits[0].noise)),
+        };
         let mut effects = fitted_effects();
         if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
             effects.extend(index_of("tilt-loss"));
@@ -67,10 +82,31 @@ impl Search {
                     && !(clocked && ["tracker-jitter", "tracker-dropout"].contains(&LIBRARY[*effect].name))
             })
             .collect();
-        let promises = problem.promises(&null, &effects, SINGLES_REFINED);
-        let mut singles = refine(problem, &null, promises, SINGLES_UNFOLDED);
+        let mut singles = match guide {
+            None => {
+                let promises = problem.promises(&null, &effects, SINGLES_REFINED);
+                refine(problem, &null, promises, SINGLES_UNFOLDED)
+            }
+            Some(guide) => followed(problem, guide, 1),
+        };
         singles.par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, &null, *effect)));
         singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+
+        if guide.is_some() {
+            // Noise that stands for an effect in the null does not beside it.
+            let laws = singles.iter_mut().filter(|single| !is_random(single.point.effects[0].0));
+            for single in laws.take(PAIR_BASES) {
+                *single = settle(problem, single.clone());
+            }
+            singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+            // Nor is a law to be named for noise that the null did not find.
+            if let Some(best) = singles.first() {
+                let other = settle(problem, problem.refine(null.point.clone(), best.noise));
+                if other.objective < null.objective {
+                    null = other;
+                }
+            }
+        }
 
         // A second effect is worth a look only on top of a first one that is.
         let seconds = |base: &Fit, effects: &[usize], unfolded: usize| {
@@ -96,12 +132,15 @@ impl Search {
         if let Some((best, lesser)) = bases.split_first() {
             pairs.extend(all_seconds(best));
             let mut done = best.effects();
-            for base in lesser {
+            for base in lesser.iter().filter(|_| guide.is_none()) {
                 done.extend(base.effects());
                 pairs.extend(seconds(base, &others(&done), 0));
             }
         }
-        let again = again(problem, &bases, &pairs);
+        if let Some(guide) = guide {
+            pairs.extend(followed(problem, guide, 2));
+        }
+        let again = if guide.is_none() { again(problem, &bases, &pairs) } else { None };
         if let Some(found) = &again {
             pairs.extend(all_seconds(found));
         }
@@ -152,6 +191,48 @@ impl Search {
     }
 }
 
+/// Of more flights than the first, as many as the second show the way.
+pub const MANY_FLIGHTS: usize = 24;
+const FEW_FLIGHTS: usize = 16;
+
+/// A few of many flights, drawn at random, always the same of as many: of all kinds where those come in turns. `None` where
+/// there are few as it is.
+fn few(tracks: &[Track]) -> Option<Vec<Track>> {
+    if tracks.len() <= MANY_FLIGHTS {
+        return None;
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut drawn = rand::seq::index::sample(&mut rng, tracks.len(), FEW_FLIGHTS).into_vec();
+    drawn.sort_unstable();
+    Some(drawn.into_iter().map(|at| tracks[at].clone()).collect())
+}
+
+/// Fits of so many laws to all flights, from where they are on a few: of those that are near the best there.
+fn followed(problem: &Problem<'_>, guide: &Search, laws: usize) -> Vec<Fit> {
+    let best = guide.fits.iter().map(|fit| fit.log_evidence).fold(f64::MIN, f64::max);
+    let mut fits: Vec<Fit> = guide
+        .fits
+        .par_iter()
+        .filter(|fit| fit.random.is_empty() && fit.point.effects.len() == laws)
+        .filter(|fit| fit.log_evidence > best - FOLLOWED_NATS)
+        .map(|fit| problem.refine(fit.point.clone(), fit.noise))
+        .collect();
+    best_of_each(&mut fits);
+    fits
+}
+
+/// Of fits of the same effects the best, most evident first.
+fn best_of_each(fits: &mut Vec<Fit>) {
+    fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    let mut seen: Vec<Vec<usize>> = Vec::new();
+    fits.retain(|fit| {
+        let effects = fit.effects();
+        let new = !seen.contains(&effects);
+        seen.push(effects);
+        new
+    });
+}
+
 /// A pair that is so many nats ahead of one of its laws may stand where that law alone had not found the way.
 const AGAIN_NATS: f64 = 8.0;
 
@@ -167,8 +248,10 @@ fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
     Some(problem.refine(start, best.noise)).filter(|fit| fit.log_evidence > base.log_evidence)
 }
 
-/// Passes after which fits are compared, and nats by which one may be behind the best then to be followed to its end.
+/// Passes after which fits are compared, or the nats that a step of them still promises, and nats by which one may be behind
+/// the best then to be followed to its end.
 const FIRST_PASSES: usize = 5;
+const FIRST_WORTH: f64 = 1.0;
 const FOLLOWED_NATS: f64 = 60.0;
 /// So many of the best single effects are then fitted in other than their plainest form, and of the laws on top of the best
 /// law and of the strongest noise,
@@ -216,10 +299,21 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
                 start = nearer(&base.point, start);
                 descent = problem.descent(start.clone(), base.noise, base.point.effects.len());
             }
-            descent.go(problem, FIRST_PASSES);
+            descent.go(problem, FIRST_PASSES, FIRST_WORTH);
             descent
         })
         .collect();
+    // Who is far behind and still on the way is not given up.
+    for passes in FIRST_PASSES + 1..=MAX_PASSES {
+        let best = descents.iter().map(Descent::log_evidence).fold(f64::MIN, f64::max);
+        descents
+            .par_iter_mut()
+            .filter(|descent| {
+                let behind = best - FOLLOWED_NATS - descent.log_evidence();
+                behind > 0.0 && descent.promise() > behind
+            })
+            .for_each(|descent| descent.go(problem, passes, FIRST_WORTH));
+    }
     descents.sort_by(|a, b| b.log_evidence().total_cmp(&a.log_evidence()));
     let best = descents.first().map_or(0.0, Descent::log_evidence);
     let worth_another_form = best - FOLLOWED_NATS.max(FORM_SHARE * (best - base.log_evidence));
@@ -240,7 +334,7 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
             descent.unfold(problem);
         }
         if unfolded || descent.log_evidence() > best - FOLLOWED_NATS {
-            descent.go(problem, MAX_PASSES);
+            descent.go(problem, MAX_PASSES, WORTH);
         }
     });
     let with_base = |fit: Fit| Fit {
@@ -250,13 +344,29 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
         ..fit
     };
     let mut fits: Vec<Fit> = descents.into_iter().map(|descent| with_base(descent.into_fit())).collect();
-    fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    let mut seen: Vec<Vec<usize>> = Vec::new();
-    fits.retain(|fit| {
-        let effects = fit.effects();
-        let new = !seen.contains(&effects);
-        seen.push(effects);
-        new
-    });
+    best_of_each(&mut fits);
     fits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_of_many_flights_are_of_all_kinds() {
+        for kinds in 1..=12 {
+            for flights in [25, 90, 1000] {
+                let named = |flight: usize| Track { name: (flight % kinds).to_string(), ..Track::default() };
+                let tracks: Vec<Track> = (0..flights).map(named).collect();
+                let few = few(&tracks).unwrap();
+                assert_eq!(few.len(), FEW_FLIGHTS);
+                let mut seen: Vec<&str> = few.iter().map(|track| track.name.as_str()).collect();
+                seen.sort_unstable();
+                seen.dedup();
+                // Sixteen at random of twelve kinds are of nine on average, with a deviation of one.
+                assert!(2 * seen.len() > kinds, "{kinds} kinds, {flights} flights: {seen:?}");
+            }
+        }
+        assert!(few(&vec![Track::default(); MANY_FLIGHTS]).is_none());
+    }
 }

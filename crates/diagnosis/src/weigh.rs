@@ -11,7 +11,7 @@ use crate::{
     pulse::pulses,
     random::is_random,
     region::{Regions, Waves, own_axes, regions, waves},
-    search::Search,
+    search::{MANY_FLIGHTS, Search},
 };
 
 /// Laws of another form leave some structure even where their cause is named rightly: so many nats are forgiven before a
@@ -133,14 +133,15 @@ impl Weighed {
     /// Weighs all fits and direct findings.
     pub fn of(problem: &Problem<'_>, search: &Search, direct: &Direct, calibration: &Calibration) -> Self {
         let on_null = regions(problem, &search.fits[0]);
-        let mut hypotheses = hypotheses(search, direct);
+        let crowd = crowd(problem);
+        let mut hypotheses = hypotheses(search, direct, crowd);
         let weight = |h: &Hypothesis| {
             calibration.ln_prior(&h.effects) + (h.gain - h.forgiven) / calibration.temperature
         };
         let by_weight = |a: &Hypothesis, b: &Hypothesis| weight(b).total_cmp(&weight(a));
         hypotheses.sort_by(by_weight);
         weigh_forms(problem, search, &on_null, &mut hypotheses);
-        forgive_forms_seen(search, &mut hypotheses);
+        forgive_forms_seen(search, &mut hypotheses, crowd);
         hypotheses.sort_by(by_weight);
         // Pairs that this brought to the front.
         weigh_forms(problem, search, &on_null, &mut hypotheses);
@@ -152,9 +153,10 @@ impl Weighed {
             if best.fit == 0 { waves_on_null.clone() } else { waves(problem, &search.fits[best.fit]) };
         let pulses = pulses(problem, &search.fits[best.fit]);
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
-        let forgiven_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
-        let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct, forgiven_none);
-        let beyond = pulses - forgiven_pulses(best, uneven(problem));
+        let of_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
+        let forgiven = crowd * if best.effects.is_empty() { of_none } else { FORGIVEN_NATS };
+        let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct, forgiven);
+        let beyond = pulses - forgiven_pulses(best, uneven(problem), crowd);
         if beyond > 0.0 {
             left = left.max(beyond);
         }
@@ -323,7 +325,7 @@ fn hide(
 }
 
 /// All hypotheses of at most two effects that were fitted or read.
-fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
+fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
     let mut all: Vec<Hypothesis> = Vec::new();
     let mut add = |fit: usize, read: &[usize]| {
         let mut effects = search.fits[fit].effects();
@@ -346,7 +348,7 @@ fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
             ..Grounds::default()
         };
         let gain = grounds.flight + grounds.direct;
-        let forgiven = forgiven(search, fit, &effects);
+        let forgiven = forgiven(search, fit, &effects, crowd);
         if all
             .iter()
             .any(|other| same(&other.effects, &effects) && other.gain - other.forgiven >= gain - forgiven)
@@ -370,12 +372,17 @@ fn hypotheses(search: &Search, direct: &Direct) -> Vec<Hypothesis> {
     all
 }
 
+/// How often there are many flights: what each leaves, however little, they leave together, and so much more is forgiven.
+fn crowd(problem: &Problem<'_>) -> f64 {
+    (problem.tracks.len() as f64 / MANY_FLIGHTS as f64).max(1.0)
+}
+
 /// What a second effect must gain before it counts.
-fn forgiven(search: &Search, fit: usize, effects: &[usize]) -> f64 {
+fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
     let &[a, b] = effects else { return 0.0 };
     match search.fits[fit].point.effects.len() {
         0 => return 0.0,
-        1 => return SECOND_BESIDE_CHANNEL_NATS,
+        1 => return crowd * SECOND_BESIDE_CHANNEL_NATS,
         _ => {}
     }
     let first = search.alone(effects);
@@ -391,7 +398,7 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize]) -> f64 {
     } else {
         SECOND_NOISE
     };
-    nats + share * first
+    crowd * nats + share * first
 }
 
 fn same(a: &[usize], b: &[usize]) -> bool {
@@ -428,7 +435,7 @@ fn weigh_forms(problem: &Problem<'_>, search: &Search, on_null: &Regions, hypoth
 
 /// Of two laws, the second need not gain what another form of the first might, where the first alone is seen to leave less
 /// along its own quantities.
-fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis]) {
+fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis], crowd: f64) {
     let seen: Vec<(usize, f64)> = hypotheses
         .iter()
         .filter_map(|h| Some((*h.effects.first()?, h.grounds.form?)).filter(|_| h.effects.len() == 1))
@@ -443,18 +450,18 @@ fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis]) {
         let along = own_axes(first).iter().any(|axis| own_axes(second).contains(axis));
         let same_nats = if along { ALONG_THE_SAME_NATS } else { 0.0 };
         if let Some((_, form)) = seen.iter().find(|(effect, _)| *effect == first) {
-            h.forgiven = h.forgiven.min(SECOND_LAW.0 + same_nats + FORM_SEEN * form);
+            h.forgiven = h.forgiven.min(crowd * (SECOND_LAW.0 + same_nats) + FORM_SEEN * form);
         }
     }
 }
 
 /// Pushes that come now and then which count for nothing, nats: a law of another form leaves some too, wind does not.
-fn forgiven_pulses(best: &Hypothesis, uneven: bool) -> f64 {
+fn forgiven_pulses(best: &Hypothesis, uneven: bool, crowd: f64) -> f64 {
     if best.effects.is_empty() && !uneven {
-        return FORGIVEN_NONE_PULSES_NATS;
+        return crowd * FORGIVEN_NONE_PULSES_NATS;
     }
     let windy = best.effects.iter().any(|effect| LIBRARY[*effect].name == "gusts");
-    FORGIVEN_PULSES_NATS + if windy { 0.0 } else { FORGIVEN_SHARE * best.gain.max(0.0) }
+    crowd * FORGIVEN_PULSES_NATS + if windy { 0.0 } else { FORGIVEN_SHARE * best.gain.max(0.0) }
 }
 
 /// What no known law explains on top of a hypothesis, nats; below zero where less is left than is forgiven.
@@ -464,7 +471,7 @@ fn unexplained(
     on_null: &Regions,
     [wave_on_null, mut wave]: [f64; 2],
     direct: &Direct,
-    forgiven_none: f64,
+    forgiven: f64,
 ) -> f64 {
     let on_best = best.regions.as_ref().unwrap_or(on_null);
     let gain = best.gain.max(0.0);
@@ -480,7 +487,6 @@ fn unexplained(
         wave = wave.max(wave_on_null - 0.5 * gain);
     }
     let left = structure.max(wave).max(0.7 * (structure + wave));
-    let forgiven = if best.effects.is_empty() { forgiven_none } else { FORGIVEN_NATS };
     let mut flight = left - forgiven - share * gain;
     let past = on_best.past - forgiven - FORGIVEN_SHARE * gain;
     let offset = on_best.offset().max(on_best.drift) - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
