@@ -148,10 +148,8 @@ const FIRST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e4;
 /// A step that promises less, in nats, is not worth a pass.
 pub(crate) const WORTH: f64 = 0.05;
-/// No coordinate moves by more prior deviations at once: numbers that were bent far are on their way back in a few steps. Long
-/// steps may also lead astray, short ones may not arrive.
-const LONG_STEPS: f64 = 5.0;
-const SHORT_STEPS: f64 = 2.0;
+/// No coordinate moves by more prior deviations at once.
+const LONGEST_STEP: f64 = 2.0;
 
 /// Noise of flights is levelled on a grid of its logarithm, so often: once with numbers fitted to flights as they are, once
 /// with numbers fitted to levelled ones.
@@ -244,13 +242,7 @@ impl<'a> Problem<'a> {
     /// The null hypothesis: the rig's numbers within their tolerances, no effect. It also finds for how long the
     /// turbulence of these flights remembers, unless the rig says so, which all other hypotheses take over.
     pub fn fit_null(&self) -> Fit {
-        let [short, long] = [SHORT_STEPS, LONG_STEPS].map(|longest_step| {
-            let mut descent = self.descent(self.nominal.clone(), self.noise, usize::MAX);
-            descent.longest_step = longest_step;
-            descent.go(self, MAX_PASSES, WORTH);
-            descent.into_fit()
-        });
-        let fit = if short.objective <= long.objective { short } else { long };
+        let fit = self.refine(self.nominal.clone(), self.noise);
         if self.rig.disturbance.turbulence_time_s.is_some() {
             return fit;
         }
@@ -415,7 +407,7 @@ impl<'a> Problem<'a> {
     pub(crate) fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
         let free = self.free(&start, plain_from);
         let here = self.look(start, noise, &free);
-        Descent { free, here, damping: FIRST_DAMPING, longest_step: LONG_STEPS, passes: 1 }
+        Descent { free, here, damping: FIRST_DAMPING, passes: 1 }
     }
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
@@ -538,7 +530,6 @@ pub(crate) struct Descent {
     free: Vec<Free>,
     here: Look,
     damping: f64,
-    longest_step: f64,
     passes: usize,
 }
 
@@ -592,7 +583,7 @@ impl Descent {
         let here = &mut self.here;
         let mut point = here.point.clone();
         for (f, dx) in self.free.iter().zip(step.iter()) {
-            let limit = self.longest_step * f.sigma;
+            let limit = LONGEST_STEP * f.sigma;
             let own = f.own(point.get(f.at)) + dx.clamp(-limit, limit);
             *point.get_mut(f.at) = f.value(own);
         }

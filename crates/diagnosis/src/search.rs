@@ -89,13 +89,9 @@ impl Search {
             }
             Some(guide) => followed(problem, guide, 1),
         };
-        singles.par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, &null, *effect)));
-        singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-
         if guide.is_some() {
             // Noise that stands for an effect in the null does not beside it.
-            let laws = singles.iter_mut().filter(|single| !is_random(single.point.effects[0].0));
-            for single in laws.take(PAIR_BASES) {
+            for single in singles.iter_mut().take(PAIR_BASES) {
                 *single = settle(problem, single.clone());
             }
             singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
@@ -107,6 +103,8 @@ impl Search {
                 }
             }
         }
+        singles.par_extend(random.par_iter().filter_map(|effect| random::fit_with(problem, &null, *effect)));
+        singles.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
 
         // A second effect is worth a look only on top of a first one that is.
         let seconds = |base: &Fit, effects: &[usize], unfolded: usize| {
@@ -131,14 +129,15 @@ impl Search {
         let mut pairs: Vec<Fit> = Vec::new();
         if let Some((best, lesser)) = bases.split_first() {
             pairs.extend(all_seconds(best));
-            let mut done = best.effects();
-            for base in lesser.iter().filter(|_| guide.is_none()) {
-                done.extend(base.effects());
-                pairs.extend(seconds(base, &others(&done), 0));
+            if let Some(guide) = guide {
+                pairs.extend(followed(problem, guide, 2));
+            } else {
+                let mut done = best.effects();
+                for base in lesser {
+                    done.extend(base.effects());
+                    pairs.extend(seconds(base, &others(&done), 0));
+                }
             }
-        }
-        if let Some(guide) = guide {
-            pairs.extend(followed(problem, guide, 2));
         }
         let again = if guide.is_none() { again(problem, &bases, &pairs) } else { None };
         if let Some(found) = &again {
