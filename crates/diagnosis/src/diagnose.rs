@@ -237,10 +237,10 @@ impl Diagnosis {
             tracks
         });
         let tracks = read.as_deref().unwrap_or(problem.tracks);
-        let problem = &Problem { tracks, nominal: problem.nominal.clone(), ..*problem };
+        let problem = &problem.with_tracks(tracks);
         let levelled = problem.levelled();
         let tracks = levelled.as_deref().unwrap_or(problem.tracks);
-        let problem = &Problem { tracks, nominal: problem.nominal.clone(), ..*problem };
+        let problem = &problem.with_tracks(tracks);
         let search = Search::of(problem);
         let weighed = Weighed::of(problem, &search, &direct, calibration);
         let null = &search.fits[0];

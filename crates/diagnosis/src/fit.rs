@@ -203,6 +203,14 @@ impl<'a> Problem<'a> {
         Self { tracks, rig, nominal, sigma, noise }
     }
 
+    /// The same problem of other flights.
+    pub(crate) fn with_tracks<'b>(&self, tracks: &'b [Track]) -> Problem<'b>
+    where
+        'a: 'b,
+    {
+        Problem { tracks, nominal: self.nominal.clone(), ..*self }
+    }
+
     /// How much stronger each flight's noise is than the rig says, as natural logarithms, where the rig says that flights
     /// differ (`noise_spread_ln`): found at a fit, by the prior that this spread is.
     pub fn level(&self, fit: &Fit) -> Vec<f64> {
@@ -230,7 +238,7 @@ impl<'a> Problem<'a> {
         self.rig.disturbance.noise_spread_ln?;
         let mut tracks = self.tracks.to_vec();
         for _ in 0..LEVEL_ROUNDS {
-            let problem = Problem { tracks: &tracks, nominal: self.nominal.clone(), ..*self };
+            let problem = self.with_tracks(&tracks);
             let levels = problem.level(&problem.fit_null());
             for (track, ln) in tracks.iter_mut().zip(levels) {
                 track.ln_noise = ln;

@@ -39,10 +39,7 @@ pub use fit::{Fit, Free, Problem};
 pub use gap::{Consistency, Figure, FlightGap, Gap, KStep};
 pub use law::{BIAS, Coordinate, GAIN, LATENCY, Law, OFFSET, Point};
 pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
-pub use pass::{
-    HORIZONS_S, Innovation, LIFT_OFF_M, LIFT_OFF_M_S, NEAR_GROUND_ACCELERATION, NEAR_GROUND_M, Noise, Pass,
-    TrackPass,
-};
+pub use pass::{HORIZONS_S, Innovation, LIFT_OFF_M, NEAR_GROUND_M, Noise, Pass, TrackPass};
 pub use smooth::Trace;
 pub use stage::StageShare;
 pub use track::{Input, Sighting, Track, TrackError};

@@ -59,9 +59,7 @@ impl Search {
     /// Fits all hypotheses that are worth it. Of many flights a few show the way: there fits begin near where they end.
     pub fn of(problem: &Problem<'_>) -> Self {
         let few = few(problem.tracks);
-        let guide = few.map(|tracks| {
-            Self::guided(&Problem { tracks: &tracks, nominal: problem.nominal.clone(), ..*problem }, None)
-        });
+        let guide = few.map(|tracks| Self::guided(&problem.with_tracks(&tracks), None));
         Self::guided(problem, guide.as_ref())
     }
 

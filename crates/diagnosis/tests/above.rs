@@ -1,19 +1,13 @@
 //! Flights of which only the stretches aloft are predicted.
 
+#[path = "support/flown.rs"]
+mod flown;
 mod support;
 
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::Rig;
-use bench_run::simulate;
-use support::{mission, rig};
-
-fn fly(rig: &Rig, seed: u64) -> Flight {
-    let mut records: Vec<Record> = Vec::new();
-    simulate(rig, &mission("steps"), seed, &mut records, |_| true).unwrap();
-    Flight::from_records(Session::new(Mode::Sim), records)
-}
+use flown::fly;
+use support::rig;
 
 fn diagnose(effect: Option<&str>) -> Diagnosis {
     let nominal = rig();
@@ -21,7 +15,7 @@ fn diagnose(effect: Option<&str>) -> Diagnosis {
     real.effects.extend(effect.map(|text| parse_effect(text).unwrap()));
     let tracks: Vec<Track> = (1..4)
         .map(|seed| {
-            let mut flight = fly(&real, seed);
+            let mut flight = fly(&real, "steps", seed);
             // A floor that gives way, an estimate that wanders there: nothing below is worth anything.
             for position in flight.positions.iter_mut().filter(|p| p.position_m[2] < 0.12) {
                 position.position_m[2] = 0.06 + 0.05 * position.arrived_at.seconds().sin();
@@ -46,7 +40,7 @@ fn what_is_below_neither_raises_an_alarm_nor_hides_an_effect() {
 #[test]
 fn a_flight_that_is_never_so_high_is_too_short() {
     let rig = rig();
-    let track = Track::from_flight("steps", &fly(&rig, 1), &rig).unwrap();
+    let track = Track::from_flight("steps", &fly(&rig, "steps", 1), &rig).unwrap();
     assert!(matches!(track.above(3.0, &rig), Err(TrackError::TooShort { sightings: 0, .. })));
 }
 
@@ -56,7 +50,7 @@ fn a_log_denser_than_the_frames_is_thinned_and_its_tears_do_not_count() {
     rig.tracker.frame_period_s = 0.01;
     rig.tracker.noise_m = 0.0002;
     rig.tracker.resolution_m = 0.0;
-    let mut flight = fly(&rig, 1);
+    let mut flight = fly(&rig, "steps", 1);
     let torn_s = 15.0;
     for position in flight.positions.iter_mut().filter(|p| p.exposed_at.seconds() > torn_s) {
         position.position_m[2] += 0.05;

@@ -1,12 +1,13 @@
 //! Vertical speed and acceleration measured on board are used where the rig says how good they are.
 
+#[path = "support/flown.rs"]
+mod flown;
 mod support;
 
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Motion, Record, Session};
+use bench_recording::{Flight, Motion};
 use bench_rig::Rig;
-use bench_run::simulate;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -29,9 +30,7 @@ fn flights(effect: Option<&str>) -> Vec<Flight> {
     let mut real = rig(false);
     real.effects.extend(effect.map(|text| parse_effect(text).unwrap()));
     let fly = |(mission, seed): (&&str, u64)| {
-        let mut records: Vec<Record> = Vec::new();
-        simulate(&real, &support::mission(mission), seed, &mut records, |_| true).unwrap();
-        let mut flight = Flight::from_records(Session::new(Mode::Sim), records);
+        let mut flight = flown::fly(&real, mission, seed);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = |sigma: f64| sigma * rng.sample::<f64, _>(StandardNormal);
         flight.motion = flight

@@ -1,13 +1,14 @@
 //! More flights tell more, and what a model leaves out grows with them: neither is to lead a diagnosis astray.
 
+#[path = "support/flown.rs"]
+mod flown;
 mod support;
 
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::Rig;
-use bench_run::simulate;
-use support::{mission, rig};
+use flown::fly;
+use support::rig;
 
 const MISSIONS: [&str; 7] = [
     "blind/1-hop-high",
@@ -24,10 +25,7 @@ fn diagnosed(real: &Rig, nominal: &Rig, flights: u64) -> Diagnosis {
     let tracks: Vec<Track> = (0..flights)
         .map(|seed| {
             let name = MISSIONS[seed as usize % MISSIONS.len()];
-            let mut records: Vec<Record> = Vec::new();
-            simulate(real, &mission(name), 1 + seed, &mut records, |_| true).unwrap();
-            let flight = Flight::from_records(Session::new(Mode::Sim), records);
-            Track::from_flight(name, &flight, nominal).unwrap()
+            Track::from_flight(name, &fly(real, name, 1 + seed), nominal).unwrap()
         })
         .collect();
     Diagnosis::of(&Problem::new(&tracks, nominal), &Calibration::built_in())

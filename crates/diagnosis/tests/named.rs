@@ -3,6 +3,8 @@
 //! These flights share the force law with the diagnosis, so they show that it does what it should, not how well it does
 //! on flights of other physics.
 
+#[path = "support/flown.rs"]
+mod flown;
 mod support;
 #[path = "support/through.rs"]
 mod through;
@@ -10,17 +12,11 @@ mod through;
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
 use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Record, Session};
+use bench_recording::Flight;
 use bench_rig::Rig;
-use bench_run::simulate;
-use support::{mission, rig};
+use flown::fly;
+use support::rig;
 use through::track_through;
-
-fn fly(rig: &Rig, name: &str, seed: u64) -> Flight {
-    let mut records: Vec<Record> = Vec::new();
-    simulate(rig, &mission(name), seed, &mut records, |_| true).unwrap();
-    Flight::from_records(Session::new(Mode::Sim), records)
-}
 
 const MISSIONS: [&str; 4] = ["hop", "climb-040", "steps", "low-hover"];
 

@@ -1,8 +1,8 @@
 //! A model held against open-loop flights (paper, section 3.5, figure 11): nothing is fitted.
 
 use bench_diagnosis::{
-    BIAS, Consistency, GAIN, HORIZONS_S, LATENCY, LIFT_OFF_M, LIFT_OFF_M_S, Law, NEAR_GROUND_ACCELERATION,
-    NEAR_GROUND_M, Noise, Point, Problem, Sighting, Track,
+    BIAS, Consistency, GAIN, HORIZONS_S, LATENCY, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Problem,
+    Sighting, Track,
 };
 use bench_rig::Rig;
 use rand::{RngExt, SeedableRng};
@@ -331,7 +331,7 @@ impl<'a> Air<'a> {
         self.trim += noise.trim_walk * h.sqrt() * self.normal();
         self.turbulence =
             kept * self.turbulence + noise.turbulence * (1.0 - kept * kept).sqrt() * self.normal();
-        let near = if z_m < NEAR_GROUND_M { NEAR_GROUND_ACCELERATION } else { 0.0 };
+        let near = if z_m < NEAR_GROUND_M { noise.near_ground } else { 0.0 };
         self.trim + self.turbulence + noise.acceleration.hypot(near) / h.sqrt() * self.normal()
     }
 }
@@ -389,7 +389,7 @@ fn step(law: &mut Law, h: f64, throttle: f64, (z, v): (f64, f64), air: &mut Opti
         // What legs and floor do as it leaves is in no model.
         air.left = true;
         z += (LIFT_OFF_M * air.normal()).max(0.0);
-        v += LIFT_OFF_M_S * air.normal();
+        v += air.noise.lift_off_m_s * air.normal();
     }
     let middle = law.acceleration_m_s2(z + 0.5 * h * v, v + 0.5 * h * first) + push;
     let (z1, v1) = (z + h * (v + 0.5 * h * first), v + h * middle);
