@@ -160,9 +160,14 @@ const LEVEL_ROUNDS: usize = 2;
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
 
-/// The parameter that is started where flights end.
+/// The parameter that is started where flights end, and from how many heights.
 const CEILING: &str = "ceiling_m";
-const CEILING_STARTS: [f64; 4] = [0.6, 0.8, 1.0, 1.3];
+const CEILING_STARTS: usize = 16;
+/// From this share of what flights seldom exceed to this of their highest.
+const LOWEST_CEILING: f64 = 0.5;
+const HIGHEST_CEILING: f64 = 1.3;
+/// One sighting in so many is seldom, and one in so many may be anywhere.
+const SELDOM_ONE_IN: usize = 20;
 const LOST_ONE_IN: usize = 200;
 
 /// A straight line is followed so far at most.
@@ -177,6 +182,8 @@ pub struct Promise {
     pub gain: f64,
     /// Where to start.
     pub start: Point,
+    /// Other starts, of other sizes or shapes, with what they promise, most first.
+    pub others: Vec<(f64, Point)>,
 }
 
 impl<'a> Problem<'a> {
@@ -305,15 +312,14 @@ impl<'a> Problem<'a> {
 
     /// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
     /// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no
-    /// size at which it is like what acts late; a ceiling where flights end, for from elsewhere another form of it may hide
-    /// the way there.
+    /// size at which it is like what acts late; a ceiling from many heights about where flights end, for it is narrow.
     pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
+        let under_ceiling = LIBRARY[effect].parameters.iter().any(|p| p.key == CEILING);
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values: Vec<f64> = match (p.prior, p.neutral) {
-                _ if p.key == CEILING => {
-                    let highest_m = self.highest_m();
-                    CEILING_STARTS.map(|share| share * highest_m).to_vec()
-                }
+                // Its gain acts in proportion, and is stretched as the flights promise.
+                (Prior::LogNormal { median, .. }, Some(_)) if under_ceiling => vec![median],
+                _ if p.key == CEILING => self.ceilings_m(),
                 (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
                     vec![mean, mean + sigma]
                 }
@@ -334,12 +340,18 @@ impl<'a> Problem<'a> {
         grid
     }
 
-    /// How high flights went, m: but for one sighting in so many, which may be anywhere.
-    fn highest_m(&self) -> f64 {
+    /// Heights from which a ceiling is looked for, m, even in the logarithm.
+    fn ceilings_m(&self) -> Vec<f64> {
         let mut seen: Vec<f64> =
             self.tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m).collect();
         seen.sort_by(f64::total_cmp);
-        seen.len().checked_sub(1 + seen.len() / LOST_ONE_IN).map_or(0.0, |at| seen[at])
+        let exceeded = |one_in: usize| {
+            seen.len().checked_sub(1 + seen.len() / one_in).map_or(0.0, |at| seen[at].max(0.0))
+        };
+        let (low_m, high_m) =
+            (LOWEST_CEILING * exceeded(SELDOM_ONE_IN), HIGHEST_CEILING * exceeded(LOST_ONE_IN));
+        let share = |k: usize| k as f64 / (CEILING_STARTS - 1) as f64;
+        (0..CEILING_STARTS).map(|k| low_m.powf(1.0 - share(k)) * high_m.powf(share(k))).collect()
     }
 
     fn promises_at(&self, base: &Fit, point: &Point, effects: &[usize]) -> Vec<Promise> {
@@ -389,12 +401,18 @@ impl<'a> Problem<'a> {
                 None => value,
             });
             start.effects.push((effect, scaled.collect()));
-            let promise = Promise { effect, gain, start };
             match best.iter_mut().find(|other| other.effect == effect) {
-                Some(other) if other.gain < gain => *other = promise,
-                Some(_) => {}
-                None => best.push(promise),
+                Some(promise) if promise.gain < gain => {
+                    let lesser = (promise.gain, std::mem::replace(&mut promise.start, start));
+                    promise.gain = gain;
+                    promise.others.push(lesser);
+                }
+                Some(promise) => promise.others.push((gain, start)),
+                None => best.push(Promise { effect, gain, start, others: Vec::new() }),
             }
+        }
+        for promise in &mut best {
+            promise.others.sort_by(|a, b| b.0.total_cmp(&a.0));
         }
         best
     }
@@ -409,6 +427,11 @@ impl<'a> Problem<'a> {
         let mut descent = self.descent(start, noise, usize::MAX);
         descent.go(self, MAX_PASSES, WORTH);
         descent.into_fit()
+    }
+
+    /// Whether a law of a fit was kept in its plainest form.
+    pub(crate) fn has_plain_forms(&self, fit: &Fit) -> bool {
+        self.free(&fit.point, usize::MAX).len() > fit.free.len()
     }
 
     /// A fit that has not begun. Effects from the given slot on keep their plainest form until it is unfolded.
@@ -737,7 +760,9 @@ fn amplitudes(effect: usize) -> (f64, f64) {
         .iter()
         .filter(|p| p.neutral.is_some())
         .all(|p| matches!(p.prior, Prior::Normal { .. }));
-    if either_sign { (-4.0, 4.0) } else { (0.2, 3.0) }
+    // Of a ceiling little is seen where it is a step.
+    let least = if LIBRARY[effect].name == "ceiling-effect" { 0.05 } else { 0.2 };
+    if either_sign { (-4.0, 4.0) } else { (least, 3.0) }
 }
 
 /// Every choice of one value from each list, the last list's changing first.

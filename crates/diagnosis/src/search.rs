@@ -141,28 +141,19 @@ impl Search {
         if let Some(found) = &again {
             pairs.extend(all_seconds(found));
         }
+        if guide.is_none() {
+            pairs.extend(unfold_pairs(problem, &null, &pairs));
+        }
         // Under noise that a random effect brings, laws show that the null's own noise would drown or invent.
         let spreads: Vec<&Fit> = singles
             .iter()
             .filter(|single| is_random(single.point.effects[0].0))
             .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
             .collect();
-        if let Some((first, others)) = spreads.split_first() {
-            pairs.extend(seconds(first, &effects, SECONDS_UNFOLDED));
-            pairs.par_extend(
-                others.par_iter().filter_map(|other| random::fit_with_both(problem, &null, [*first, *other])),
-            );
-            // One that leads may hide another that would explain nothing alone.
-            if is_random(singles[0].point.effects[0].0) {
-                let hidden: Vec<usize> = random
-                    .iter()
-                    .copied()
-                    .filter(|effect| spreads.iter().all(|spread| spread.effects() != [*effect]))
-                    .collect();
-                pairs.par_extend(
-                    hidden.par_iter().filter_map(|effect| random::fit_beside(problem, &null, first, *effect)),
-                );
-            }
+        if let Some(strongest) = spreads.first() {
+            pairs.extend(seconds(strongest, &effects, SECONDS_UNFOLDED));
+            let leads = is_random(singles[0].point.effects[0].0);
+            pairs.extend(pairs_of_noise(problem, &null, &spreads, if leads { &random } else { &[] }));
         }
         let mut fits = vec![null];
         fits.extend(again);
@@ -186,6 +177,17 @@ impl Search {
             .map(|i| self.gain(i))
             .fold(0.0, f64::max)
     }
+}
+
+/// The strongest noise with each of the others, and with those that explain nothing alone, for one that leads may hide them.
+fn pairs_of_noise(problem: &Problem<'_>, null: &Fit, spreads: &[&Fit], hidden: &[usize]) -> Vec<Fit> {
+    let Some((first, others)) = spreads.split_first() else { return Vec::new() };
+    let both = others.par_iter().filter_map(|other| random::fit_with_both(problem, null, [*first, *other]));
+    let beside = hidden
+        .par_iter()
+        .filter(|effect| spreads.iter().all(|spread| spread.effects() != [**effect]))
+        .filter_map(|effect| random::fit_beside(problem, null, first, *effect));
+    both.chain(beside).collect()
 }
 
 /// Of more flights than the first, as many as the second show the way.
@@ -245,6 +247,29 @@ fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
     Some(problem.refine(start, best.noise)).filter(|fit| fit.log_evidence > base.log_evidence)
 }
 
+/// So many pairs are compared in all their forms.
+const PAIRS_UNFOLDED: usize = 3;
+
+/// The leading pairs of laws with forms free, where a law of theirs has its plainest form yet: beside one lag a second law may
+/// have been fitted in more forms than beside another.
+fn unfold_pairs(problem: &Problem<'_>, null: &Fit, pairs: &[Fit]) -> Vec<Fit> {
+    let mut leading: Vec<&Fit> = pairs.iter().filter(|fit| fit.random.is_empty()).collect();
+    leading.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    leading.truncate(PAIRS_UNFOLDED);
+    let Some(best) = leading.first().map(|fit| fit.log_evidence) else { return Vec::new() };
+    let worth = worth_another_form(best, null);
+    leading
+        .into_par_iter()
+        .filter(|fit| fit.log_evidence > worth && problem.has_plain_forms(fit))
+        .map(|fit| problem.refine(fit.point.clone(), fit.noise))
+        .collect()
+}
+
+/// Evidence from which on a fit is worth another than its plainest form, beside the best on top of a base.
+fn worth_another_form(best: f64, base: &Fit) -> f64 {
+    best - FOLLOWED_NATS.max(FORM_SHARE * (best - base.log_evidence))
+}
+
 /// Passes after which fits are compared, or the nats that a step of them still promises, and nats by which one may be behind
 /// the best then to be followed to its end.
 const FIRST_PASSES: usize = 5;
@@ -260,6 +285,8 @@ const FORM_SHARE: f64 = 0.3;
 /// A start that is so many nats worse than what it stands on went too far along a straight line: it is halved so often.
 const OVERSHOT_NATS: f64 = 20.0;
 const MOST_HALVINGS: usize = 3;
+/// One that is still as far behind after its first passes is left for another, so often.
+const OTHERS_TRIED: usize = 2;
 
 /// A start half as far from the point that it stands on: the size of the effect that it adds, last, and all that moved with it.
 fn nearer(base: &Point, mut start: Point) -> Point {
@@ -297,6 +324,17 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
                 descent = problem.descent(start.clone(), base.noise, base.point.effects.len());
             }
             descent.go(problem, FIRST_PASSES, FIRST_WORTH);
+            // A law with an edge may stop on its way there.
+            for (_, start) in promise.others.into_iter().take(OTHERS_TRIED) {
+                if descent.objective() < base.objective + OVERSHOT_NATS {
+                    break;
+                }
+                let mut other = problem.descent(start, base.noise, base.point.effects.len());
+                other.go(problem, FIRST_PASSES, FIRST_WORTH);
+                if other.objective() < descent.objective() {
+                    descent = other;
+                }
+            }
             descent
         })
         .collect();
@@ -313,7 +351,7 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
     }
     descents.sort_by(|a, b| b.log_evidence().total_cmp(&a.log_evidence()));
     let best = descents.first().map_or(0.0, Descent::log_evidence);
-    let worth_another_form = best - FOLLOWED_NATS.max(FORM_SHARE * (best - base.log_evidence));
+    let worth = worth_another_form(best, base);
     let mut leading: Vec<Vec<usize>> = Vec::new();
     let unfolded: Vec<bool> = descents
         .iter()
@@ -321,7 +359,7 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
             let effects = descent.effects();
             let leads = leading.len() < most_unfolded
                 && !leading.contains(&effects)
-                && descent.log_evidence() > worth_another_form;
+                && descent.log_evidence() > worth;
             leading.extend(leads.then_some(effects));
             leads
         })

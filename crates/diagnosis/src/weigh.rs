@@ -160,6 +160,10 @@ impl Weighed {
         if beyond > 0.0 {
             left = left.max(beyond);
         }
+        if only_gusts(&search.fits[best.fit]) {
+            // Pushes one way, in ordinary air, may be all that there is.
+            left = left.max(self::pulses(problem, &search.fits[0]) - best.gain);
+        }
         let unknown_gain = best.gain + left;
         let posterior = |temperature: f64| {
             let at = |prior: f64, gain: f64| prior + gain / temperature;
@@ -464,6 +468,11 @@ fn forgiven_pulses(best: &Hypothesis, uneven: bool, crowd: f64) -> f64 {
     crowd * FORGIVEN_PULSES_NATS + if windy { 0.0 } else { FORGIVEN_SHARE * best.gain.max(0.0) }
 }
 
+/// Whether a fit names gusts and nothing else that the filter sees.
+fn only_gusts(fit: &Fit) -> bool {
+    matches!(fit.effects().as_slice(), &[effect] if LIBRARY[effect].name == "gusts")
+}
+
 /// What no known law explains on top of a hypothesis, nats; below zero where less is left than is forgiven.
 fn unexplained(
     best: &Hypothesis,
@@ -480,8 +489,7 @@ fn unexplained(
     let form_left = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORM_LEFT_OF_GAIN };
     let share = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
     let mut structure = on_best.ceiling - on_best.form.min(form_left * gain);
-    let only_gusts = fit.point.effects.len() == 1 && LIBRARY[fit.point.effects[0].0].name == "gusts";
-    if only_gusts {
+    if only_gusts(fit) {
         // Wind has no structure: what a law would have explained, no gust does.
         structure = structure.max(on_null.ceiling);
         wave = wave.max(wave_on_null - 0.5 * gain);

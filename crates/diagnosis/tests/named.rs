@@ -68,6 +68,8 @@ fn effects_are_named_with_parameters_near_those_planted() {
         ("actuator-lag:time_constant_s=0.05", "actuator-lag", "time_constant_s", 0.05),
         ("quadratic-drag:coefficient_n_s2_per_m2=0.05", "quadratic-drag", "coefficient_n_s2_per_m2", 0.05),
         ("ground-effect-shape:stretch=1.8,exponent=2", "ground-effect-shape", "stretch", 1.8),
+        // A shorter line is in the rig's tolerance, nearly.
+        ("ground-effect-shape:stretch=0.55,exponent=1", "ground-effect-shape", "stretch", 0.55),
     ] {
         let diagnosis = diagnose(&[text]);
         assert_eq!(diagnosis.verdict, Verdict::Effect, "{text}: {:#?}", diagnosis.candidates);
@@ -81,6 +83,15 @@ fn effects_are_named_with_parameters_near_those_planted() {
 }
 
 #[test]
+fn a_ceiling_that_acts_in_a_thin_layer_is_found() {
+    // From 10 cm off nothing of it is seen. Found at another height it is a third of what it is, and leaves room for a second law.
+    let diagnosis = diagnose(&["ceiling-effect:gain=0.03,ceiling_m=0.84,decay_m=0.04"]);
+    assert_eq!(diagnosis.effects, ["ceiling-effect"], "{:#?}", &diagnosis.candidates[..2]);
+    let found = diagnosis.candidates[0].parameters.iter().find(|p| p.name == "ceiling_m").unwrap();
+    assert!((found.value - 0.84).abs() < found.high - found.low, "{found:?}");
+}
+
+#[test]
 fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
     for (text, name, form, planted, plainest) in [
         ("rotor-lag:time_constant_s=0.12,fall_ratio=3", "rotor-lag", "fall_ratio", 3.0, 1.0),
@@ -91,6 +102,7 @@ fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
             0.5,
             0.0,
         ),
+        ("ground-effect-shape:stretch=2.4,exponent=5,share=0.3", "ground-effect-shape", "share", 0.3, 1.0),
         (
             "descent-thrust-loss:fraction=0.2,speed_m_s=0.4,exponent=1",
             "descent-thrust-loss",

@@ -10,8 +10,8 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "ground-effect-shape",
     stage: Stage::Environment,
     summary: "the ground effect reaches to another height, or fades without an edge",
-    law: "extra = (multiplier - 1) max(0, 1 - z/(s n height))^n: a line for n = 1, exp(-z/(s height)) for n without bound",
-    source: "He, Kou, Calaf, Leang, In-Ground-Effect Modeling and Nonlinear-Disturbance Observer for Multirotor Unmanned Aerial Vehicle Control, ASME Journal of Dynamic Systems, Measurement, and Control 141(7), 2019: exponential model, the limit of this family",
+    law: "extra' = (1 - share) extra + share (multiplier - 1) max(0, 1 - z/(s n height))^n: a line for n = 1, exp(-z/(s height)) for n without bound",
+    source: "He, Kou, Calaf, Leang, In-Ground-Effect Modeling and Nonlinear-Disturbance Observer for Multirotor Unmanned Aerial Vehicle Control, ASME Journal of Dynamic Systems, Measurement, and Control 141(7), 2019: exponential model, the limit of this family; Sanchez-Cuevas, Heredia, Ollero, Characterization of the Aerodynamic Ground Effect and Its Influence in Multirotor Control, International Journal of Aerospace Engineering, 2017: what the airframe's body adds reaches further than each rotor's own, so that two shapes act together",
     parameters: &[
         Parameter {
             key: "stretch",
@@ -33,16 +33,27 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: Some(1.0),
             default: None,
         },
+        Parameter {
+            key: "share",
+            unit: "1",
+            meaning: "share of the ground effect that has this shape; the rest has the nominal one",
+            min: 0.0,
+            max: 2.0,
+            prior: Prior::Normal { mean: 1.0, sigma: 0.4 },
+            neutral: None,
+            default: Some(1.0),
+        },
     ],
     build,
 };
 
 fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
     let nominal = Nominal::new(&rig.airframe);
-    let [stretch, exponent] = [values[0], values[1]];
+    let [stretch, exponent, share] = [values[0], values[1], values[2]];
     Box::new(GroundEffectShape {
         fall_per_m: (rig.airframe.ground_effect.height_m.value * stretch * exponent).recip(),
         exponent,
+        share,
         nominal,
     })
 }
@@ -51,6 +62,7 @@ struct GroundEffectShape {
     nominal: Nominal,
     fall_per_m: f64,
     exponent: f64,
+    share: f64,
 }
 
 impl Effect for GroundEffectShape {
@@ -58,7 +70,7 @@ impl Effect for GroundEffectShape {
         let depth = (1.0 - air.height_m.max(0.0) * self.fall_per_m).max(0.0);
         let shaped = self.nominal.ground_effect_gain * depth.powf(self.exponent);
         // As a difference, so that what other effects made of the nominal law stays.
-        *ground_effect += shaped - self.nominal.ground_effect(air.height_m);
+        *ground_effect += self.share * (shaped - self.nominal.ground_effect(air.height_m));
     }
 }
 
@@ -69,7 +81,7 @@ mod tests {
         nominal::Nominal,
     };
 
-    fn extra(values: &[f64; 2], height_m: f64) -> f64 {
+    fn extra(values: &[f64], height_m: f64) -> f64 {
         let mut extra = Nominal::new(&rig().airframe).ground_effect(height_m);
         effect("ground-effect-shape", values).ground_effect(&air(height_m, 0.0), &mut extra);
         extra
@@ -83,6 +95,8 @@ mod tests {
         }
         // The square of a line to 10 cm, falling as steeply at the ground as the nominal: 0.3 (1/2)^2 at 5 cm.
         assert!((extra(&[1.0, 2.0], 0.05) - 0.075).abs() < 1e-12);
+        // Half of it to 10 cm, half the nominal line to 5 cm.
+        assert!((extra(&[2.0, 1.0, 0.5], 0.05) - 0.075).abs() < 1e-12);
         // (1 - x/50)^50 is e^-x to x^2/100: 1 % at 5 cm.
         assert!((extra(&[1.0, 50.0], 0.05) / (0.3 * (-1.0_f64).exp()) - 1.0).abs() < 0.011);
     }
