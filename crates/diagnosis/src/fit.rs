@@ -429,11 +429,6 @@ impl<'a> Problem<'a> {
         descent.into_fit()
     }
 
-    /// Whether a law of a fit was kept in its plainest form.
-    pub(crate) fn has_plain_forms(&self, fit: &Fit) -> bool {
-        self.free(&fit.point, usize::MAX).len() > fit.free.len()
-    }
-
     /// A fit that has not begun. Effects from the given slot on keep their plainest form until it is unfolded.
     pub(crate) fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
         let free = self.free(&start, plain_from);

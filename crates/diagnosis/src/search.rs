@@ -141,9 +141,6 @@ impl Search {
         if let Some(found) = &again {
             pairs.extend(all_seconds(found));
         }
-        if guide.is_none() {
-            pairs.extend(unfold_pairs(problem, &null, &pairs));
-        }
         // Under noise that a random effect brings, laws show that the null's own noise would drown or invent.
         let spreads: Vec<&Fit> = singles
             .iter()
@@ -245,24 +242,6 @@ fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
     let mut start = best.point.clone();
     start.effects.retain(|(effect, _)| *effect == base.point.effects[0].0);
     Some(problem.refine(start, best.noise)).filter(|fit| fit.log_evidence > base.log_evidence)
-}
-
-/// So many pairs are compared in all their forms.
-const PAIRS_UNFOLDED: usize = 3;
-
-/// The leading pairs of laws with forms free, where a law of theirs has its plainest form yet: beside one lag a second law may
-/// have been fitted in more forms than beside another.
-fn unfold_pairs(problem: &Problem<'_>, null: &Fit, pairs: &[Fit]) -> Vec<Fit> {
-    let mut leading: Vec<&Fit> = pairs.iter().filter(|fit| fit.random.is_empty()).collect();
-    leading.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    leading.truncate(PAIRS_UNFOLDED);
-    let Some(best) = leading.first().map(|fit| fit.log_evidence) else { return Vec::new() };
-    let worth = worth_another_form(best, null);
-    leading
-        .into_par_iter()
-        .filter(|fit| fit.log_evidence > worth && problem.has_plain_forms(fit))
-        .map(|fit| problem.refine(fit.point.clone(), fit.noise))
-        .collect()
 }
 
 /// Evidence from which on a fit is worth another than its plainest form, beside the best on top of a base.
