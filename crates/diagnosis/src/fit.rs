@@ -170,6 +170,10 @@ const HIGHEST_CEILING: f64 = 1.3;
 const SELDOM_ONE_IN: usize = 20;
 const LOST_ONE_IN: usize = 200;
 
+fn has_ceiling(effect: usize) -> bool {
+    LIBRARY[effect].parameters.iter().any(|p| p.key == CEILING)
+}
+
 /// A straight line is followed so far at most.
 const STRAIGHT_SIGMAS: f64 = 1.0;
 
@@ -314,7 +318,7 @@ impl<'a> Problem<'a> {
     /// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no
     /// size at which it is like what acts late; a ceiling from many heights about where flights end, for it is narrow.
     pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
-        let under_ceiling = LIBRARY[effect].parameters.iter().any(|p| p.key == CEILING);
+        let under_ceiling = has_ceiling(effect);
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values: Vec<f64> = match (p.prior, p.neutral) {
                 // Its gain acts in proportion, and is stretched as the flights promise.
@@ -756,7 +760,7 @@ fn amplitudes(effect: usize) -> (f64, f64) {
         .filter(|p| p.neutral.is_some())
         .all(|p| matches!(p.prior, Prior::Normal { .. }));
     // Of a ceiling little is seen where it is a step.
-    let least = if LIBRARY[effect].name == "ceiling-effect" { 0.05 } else { 0.2 };
+    let least = if has_ceiling(effect) { 0.05 } else { 0.2 };
     if either_sign { (-4.0, 4.0) } else { (least, 3.0) }
 }
 

@@ -244,11 +244,6 @@ fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
     Some(problem.refine(start, best.noise)).filter(|fit| fit.log_evidence > base.log_evidence)
 }
 
-/// Evidence from which on a fit is worth another than its plainest form, beside the best on top of a base.
-fn worth_another_form(best: f64, base: &Fit) -> f64 {
-    best - FOLLOWED_NATS.max(FORM_SHARE * (best - base.log_evidence))
-}
-
 /// Passes after which fits are compared, or the nats that a step of them still promises, and nats by which one may be behind
 /// the best then to be followed to its end.
 const FIRST_PASSES: usize = 5;
@@ -330,7 +325,7 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
     }
     descents.sort_by(|a, b| b.log_evidence().total_cmp(&a.log_evidence()));
     let best = descents.first().map_or(0.0, Descent::log_evidence);
-    let worth = worth_another_form(best, base);
+    let worth_another_form = best - FOLLOWED_NATS.max(FORM_SHARE * (best - base.log_evidence));
     let mut leading: Vec<Vec<usize>> = Vec::new();
     let unfolded: Vec<bool> = descents
         .iter()
@@ -338,7 +333,7 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
             let effects = descent.effects();
             let leads = leading.len() < most_unfolded
                 && !leading.contains(&effects)
-                && descent.log_evidence() > worth;
+                && descent.log_evidence() > worth_another_form;
             leading.extend(leads.then_some(effects));
             leads
         })
