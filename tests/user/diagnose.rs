@@ -1,4 +1,8 @@
-use std::{fmt::Write as _, fs};
+use std::{
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use crate::support::{Scratch, bench, json, refused, stdout};
 
@@ -157,6 +161,53 @@ fn flights_with_a_planted_effect_are_diagnosed_in_words_and_json() {
     assert_eq!(report["verdict"], "effect");
     let extra_s = report["candidates"][0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((extra_s - 0.12).abs() < 0.02, "{extra_s}");
+}
+
+/// The published cases of another simulator, by the answers that came with them.
+#[test]
+#[ignore = "needs BENCH_DATA; tests/run runs it where that is set"]
+fn bench_data_every_foreign_case_has_its_published_answer() {
+    let data = PathBuf::from(std::env::var_os("BENCH_DATA").expect("BENCH_DATA names the data folder"))
+        .join("foreign");
+    let answers = fs::read_to_string(data.join("answers.json")).unwrap();
+    let answers: Vec<serde_json::Value> = serde_json::from_str(&answers).unwrap();
+    assert_eq!(answers.len(), 8);
+    let wrong: Vec<String> = answers
+        .iter()
+        .filter_map(|answer| {
+            let [case, cause] = ["case", "effect"].map(|key| answer[key].as_str().unwrap());
+            let told = told_of(&data.join(case));
+            // Lags of first order: which of them it is, the flights need not say.
+            let right = told == cause || (cause == "rotor-lag" && told == "actuator-lag");
+            (!right).then(|| format!("{case}: {cause} was told as {told}"))
+        })
+        .collect();
+    assert_eq!(wrong, Vec::<String>::new());
+}
+
+/// What a folder of foreign logs is told as: the laws named, or `none` or `unknown`.
+fn told_of(case: &Path) -> String {
+    let scratch = Scratch::new();
+    let mut logs: Vec<_> = fs::read_dir(case).unwrap().map(|entry| entry.unwrap().path()).collect();
+    logs.retain(|path| path.extension().is_some_and(|extension| extension == "csv"));
+    logs.sort();
+    assert!(!logs.is_empty(), "no flights in {}", case.display());
+    let flights: Vec<String> = logs
+        .iter()
+        .map(|log| {
+            let out = scratch.name(&format!("{}.mcap", log.file_stem().unwrap().to_str().unwrap()));
+            bench(["import", "--map", "rigs/import/foreign.toml", "-o", &out]).arg(log).assert().success();
+            out
+        })
+        .collect();
+    // Without what this machine may have learnt of the rig.
+    let mut command = bench(["diagnose", "--rig", "rigs/foreign.toml", "--json"]);
+    let report =
+        json(&command.env("XDG_CACHE_HOME", scratch.path("cache")).args(&flights).assert().success());
+    match report["effects"].as_array().unwrap().as_slice() {
+        [] => report["verdict"].as_str().unwrap().to_owned(),
+        laws => laws.iter().map(|law| law.as_str().unwrap()).collect::<Vec<_>>().join(" + "),
+    }
 }
 
 #[test]
