@@ -228,11 +228,14 @@ impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
         let direct = direct(problem.tracks, problem.rig);
-        // Pins that are known not to hold what they were told are believed as they were read, noise and all.
+        // Pins that are known not to hold what they were told are believed as they were read, noise and all, unless they moved on
+        // afterwards.
         let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
             let mut tracks = problem.tracks.to_vec();
             for track in &mut tracks {
-                track.at_pins(|input, pin| input.throttle = pin.readback);
+                track.at_pins(|input, pin| {
+                    input.throttle = if direct.read_on_the_way { pin.commanded } else { pin.readback };
+                });
             }
             tracks
         });

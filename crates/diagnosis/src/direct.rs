@@ -19,6 +19,8 @@ use crate::{
 pub struct Direct {
     /// Effects with a gain of log-likelihood over ordinary behaviour.
     pub effects: Vec<DirectEffect>,
+    /// Whether pins were read on their way, at a time that nobody knows: what they held is what their lag makes of the commands.
+    pub read_on_the_way: bool,
     /// Log-likelihood that the pins' own stage leaves on the table: no law of the library explains the readback.
     pub unexplained_pins: f64,
     /// What was seen, for people.
@@ -91,6 +93,8 @@ const FINE_PINS: usize = 500;
 const TREAD_PINS: usize = 1_500;
 const TREAD_COST: f64 = 6.0;
 const LONGEST_TREAD: f64 = 2.2;
+/// Where in a period a pin may have been read, in logs that do not say.
+const READ_AFTER: [f64; 6] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.95];
 /// Fewest flights whose scales are compared, and nats that each one's costs.
 const LEAST_FLIGHTS: usize = 3;
 const SCALE_COST: f64 = 1.0;
@@ -367,9 +371,14 @@ impl PinChannel<'_> {
         })
     }
 
-    /// The pin follows with a first-order lag, and is read on its way.
+    /// Whether readbacks are answers, so that their times tell when they were taken.
+    fn answered(&self) -> bool {
+        self.flights.iter().any(|pins| pins.iter().any(|pin| pin.delay_s > 0.0))
+    }
+
+    /// The pin follows with a first-order lag, and is read on its way: when, where no answer tells, is tried.
     fn lag(&self) -> Option<PinLaw> {
-        let excess = |time_constant_s: f64| {
+        let excess = |time_constant_s: f64, read_s: f64| {
             let left = |s: f64| (-s.max(0.0) / time_constant_s).exp();
             // Where the pin was when it was told, what it was told, and when.
             let (mut was, mut told, mut told_s) = (0.0, 0.0, 0.0);
@@ -377,14 +386,18 @@ impl PinChannel<'_> {
                 let now_s = pin.time_s - pin.delay_s;
                 let held = if first { pin.asked } else { told + (was - told) * left(now_s - told_s) };
                 (was, told, told_s) = (held, pin.commanded, now_s);
-                told + (was - told) * left(pin.delay_s)
+                told + (was - told) * left(pin.delay_s + read_s)
             })
         };
-        (0..60)
-            .map(|i| 0.003 * (0.5_f64 / 0.003).powf(f64::from(i) / 59.0))
-            .map(|time_constant_s| PinLaw {
+        let read: &[f64] = if self.answered() { &[0.0] } else { &READ_AFTER };
+        read.iter()
+            .map(|share| share * self.rig.control_loop.period_s)
+            .flat_map(|read_s| {
+                (0..60).map(move |i| (0.003 * (0.5_f64 / 0.003).powf(f64::from(i) / 59.0), read_s))
+            })
+            .map(|(time_constant_s, read_s)| PinLaw {
                 effect: library("actuator-lag"),
-                excess: excess(time_constant_s),
+                excess: excess(time_constant_s, read_s),
                 values: vec![time_constant_s],
             })
             .min_by(|a, b| a.excess.total_cmp(&b.excess))
@@ -474,6 +487,7 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     .collect();
     laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
     let Some(best) = laws.first().map(|law| law.excess) else { return };
+    out.read_on_the_way = laws[0].effect == library("actuator-lag") && !channel.answered();
     out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
     // They explain the same readbacks: what the best has over another counts in full.
     let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);

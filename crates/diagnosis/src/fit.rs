@@ -206,6 +206,7 @@ impl<'a> Problem<'a> {
             outlier_probability: rig.disturbance.outlier_probability.unwrap_or(0.0),
             outlier_m: rig.disturbance.outlier_m.unwrap_or(0.0),
             stale_probability: 0.0,
+            stale_frames: 1.0,
             velocity_m_s: rig.disturbance.velocity_noise_m_s.unwrap_or(0.0),
             acceleration_m_s2: rig.disturbance.acceleration_noise_m_s2.unwrap_or(0.0),
             near_ground: NEAR_GROUND_ACCELERATION,

@@ -111,6 +111,7 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         outlier_probability: null.noise.outlier_probability,
         outlier_m: null.noise.outlier_m,
         stale_probability: null.noise.stale_probability,
+        stale_frames: null.noise.stale_frames,
         ..if best.random.is_empty() { with_effect } else { null.noise }
     };
     let flown: Vec<[TrackPass; 3]> = (0..problem.tracks.len())

@@ -31,8 +31,11 @@ pub struct Noise {
     pub outlier_probability: f64,
     /// One sigma of wrong places about the right one, m.
     pub outlier_m: f64,
-    /// Share of iterations whose sighting is that of the iteration before, in logs that hold the newest frame.
+    /// Share of frames that are lost, in logs that hold the newest frame: sightings are older than they seem, or those of the
+    /// iteration before.
     pub stale_probability: f64,
+    /// How many are lost in a row, on average.
+    pub stale_frames: f64,
     /// One sigma of the vertical speed felt on board, m/s; 0 where it is not used.
     pub velocity_m_s: f64,
     /// The same of the acceleration, m/s^2.
@@ -326,8 +329,10 @@ struct Filter {
     standing: bool,
     /// Whether the last sighting counted.
     counting: bool,
-    last_z_m: Option<f64>,
+    /// When and where the airframe was last seen.
+    last_seen: Option<(f64, f64)>,
     step_m: f64,
+    frame_s: f64,
     /// Whether the airframe is carried, and where and when it was last seen so.
     carried: bool,
     carried_at: Option<(f64, f64)>,
@@ -433,8 +438,9 @@ impl Filter {
             forks: Vec::new(),
             standing: true,
             counting: false,
-            last_z_m: None,
+            last_seen: None,
             step_m: rig.tracker.resolution_m.max(1e-4),
+            frame_s: rig.tracker.frame_period_s,
             carried: false,
             carried_at: None,
             next_fork_s: track.begin_s + SETTLE_S,
@@ -684,13 +690,16 @@ impl Filter {
         let [z, v, ..] = self.x;
         let (factor, predicted) = (self.law.view.slope(z), self.law.view.seen_m(z));
         let residual = sighting.z_m - predicted;
+        let (last_s, last_m) = self.last_seen.unwrap_or((f64::MIN, f64::NAN));
         let seen = Sight {
             factor,
             speed_m_s: v,
             timing_s,
             // Near the ground it may rest where the model has it move.
-            repeats: sighting.z_m > NEAR_GROUND_M && self.last_z_m == Some(sighting.z_m),
+            repeats: sighting.z_m > NEAR_GROUND_M && last_m == sighting.z_m,
             step_m: self.step_m,
+            frame_s: self.frame_s,
+            since_s: sighting.exposed_s - last_s,
         };
         for (twin, out) in self.twins.iter().zip(&mut self.row) {
             let shift = match &twin.source {
@@ -706,7 +715,7 @@ impl Filter {
             };
             *out = factor * twin.sensitivity[0] + shift;
         }
-        self.last_z_m = Some(sighting.z_m);
+        self.last_seen = Some((sighting.exposed_s, sighting.z_m));
         let (nll, s, weight) = seen.score(&self.p, &self.noise, residual);
         self.counting = sighting.counts;
         if sighting.counts {
@@ -924,7 +933,13 @@ struct Sight {
     repeats: bool,
     /// Resolution, m.
     step_m: f64,
+    /// Between two frames, and since the sighting before, s.
+    frame_s: f64,
+    since_s: f64,
 }
+
+/// How much older than it seems a sighting may be, frames.
+const MOST_STALE_FRAMES: u32 = 10;
 
 impl Sight {
     /// Negative log-likelihood, variance of the innovation, and its weight (Huber's).
@@ -942,18 +957,35 @@ impl Sight {
             return (-total.ln(), s, narrow / total);
         }
         if noise.stale_probability > 0.0 {
+            // Bounded as without: what no hypothesis explains is not to speak against this one.
+            let (nll, _, bound) = bounded(residual, s);
+            let density = |nll: f64| (-nll).exp() / std::f64::consts::TAU.sqrt();
+            let fresh = (1.0 - noise.stale_probability) * density(nll);
+            // The newest frame at hand is as much older as frames after it were lost: where none came since the sighting before,
+            // it is that one's, unless that was an older one still.
+            let ends = noise.stale_frames.max(1.0).recip();
+            let (mut older, mut same, mut lost) = (0.0, 0.0, noise.stale_probability);
+            let since_last = (self.since_s / self.frame_s).round();
+            for frames in (1..MOST_STALE_FRAMES).map(f64::from) {
+                let late_m = self.factor * self.speed_m_s * frames * self.frame_s;
+                let chance = lost * ends;
+                let newer = frames < since_last;
+                older += if newer { 1.0 } else { noise.stale_probability }
+                    * chance
+                    * density(bounded(residual + late_m, s).0);
+                same += if newer { 0.0 } else { chance };
+                lost -= chance;
+            }
             // The same reading again has a probability, not a density: that over the width of a step.
             // Readings that a fresh frame would give too say nothing: rounding repeats them.
             let again = if self.repeats && u2 > STALE_SIGMAS * STALE_SIGMAS {
-                noise.stale_probability / self.step_m
+                (same + lost) / self.step_m
             } else {
                 0.0
             };
-            let fresh = (1.0 - noise.stale_probability) * (-0.5 * u2.min(80.0)).exp()
-                / (std::f64::consts::TAU * s).sqrt();
-            let total = (fresh + again).max(1e-300);
+            let total = (fresh + older + again).max(1e-300);
             // As without, but for the constant that all others leave out.
-            return (-total.ln() - 0.5 * std::f64::consts::TAU.ln(), s, fresh / total);
+            return (-total.ln() - 0.5 * std::f64::consts::TAU.ln(), s, bound * fresh / total);
         }
         bounded(residual, s)
     }

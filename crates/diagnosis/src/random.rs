@@ -35,7 +35,7 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
     for (effect, values) in point.acting() {
         match LIBRARY[*effect].name {
             "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
-            "tracker-dropout" => noise.stale_probability = values[0],
+            "tracker-dropout" => [noise.stale_probability, noise.stale_frames] = [values[0], values[1]],
             "tracker-jitter" => noise.jitter_s = noise.jitter_s.hypot(values[0]),
             // Wrong places are few, and far off against the noise: else it is noise.
             "tracker-outliers" => {

@@ -338,13 +338,26 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
             leads
         })
         .collect();
-    descents.par_iter_mut().zip(unfolded).for_each(|(descent, unfolded)| {
-        if unfolded {
+    descents.par_iter_mut().zip(&unfolded).for_each(|(descent, unfolded)| {
+        if *unfolded {
             descent.unfold(problem);
         }
-        if unfolded || descent.log_evidence() > best - FOLLOWED_NATS {
+        if *unfolded || descent.log_evidence() > best - FOLLOWED_NATS {
             descent.go(problem, MAX_PASSES, WORTH);
         }
+    });
+    // Another start of the same effect may have overtaken the one that was unfolded.
+    let overtaking: Vec<usize> = leading
+        .iter()
+        .filter_map(|effects| {
+            let starts = (0..descents.len()).filter(|i| descents[*i].effects() == *effects);
+            starts.max_by(|i, j| descents[*i].log_evidence().total_cmp(&descents[*j].log_evidence()))
+        })
+        .filter(|best| !unfolded[*best])
+        .collect();
+    descents.par_iter_mut().enumerate().filter(|(i, _)| overtaking.contains(i)).for_each(|(_, descent)| {
+        descent.unfold(problem);
+        descent.go(problem, MAX_PASSES + FIRST_PASSES, WORTH);
     });
     let with_base = |fit: Fit| Fit {
         log_evidence: fit.log_evidence + base.random_ln,

@@ -45,6 +45,9 @@ const LAW_ON_NOISE: (f64, f64) = (4.0, 0.0005);
 const LAW_ON_GUSTS: (f64, f64) = (6.0, 0.2);
 /// two kinds of noise, which spread sightings each in its own way,
 const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.001);
+/// but for those that make sightings late or strange, of whose spread each takes in what the other's form leaves,
+const ODD_SIGHTINGS: (f64, f64) = (8.0, 0.03);
+const ODD: [&str; 3] = ["tracker-jitter", "tracker-dropout", "tracker-outliers"];
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
 const SECOND_BESIDE_CHANNEL_NATS: f64 = 4.0;
 /// In doubt, evidence counts so many times less.
@@ -360,7 +363,13 @@ fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
             return;
         }
         all.retain(|other| !same(&other.effects, &effects));
-        all.push(Hypothesis { effects, fit, direct: read.to_vec(), gain, regions: None, grounds, forgiven });
+        // What a readback shows of a pin, a flight tells but once more.
+        let read_back = |effect: &&usize| {
+            let mut found = direct.effects.iter();
+            read.contains(effect) || found.any(|f| f.effect == **effect && f.channel == "readback")
+        };
+        let direct = effects.iter().filter(read_back).copied().collect();
+        all.push(Hypothesis { effects, fit, direct, gain, regions: None, grounds, forgiven });
     };
     for fit in 0..search.fits.len() {
         add(fit, &[]);
@@ -394,7 +403,8 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
     let (nats, share) = if !is_random(noise) {
         SECOND_LAW
     } else if is_random(law) {
-        NOISE_ON_NOISE
+        let odd = effects.iter().all(|effect| ODD.contains(&LIBRARY[*effect].name));
+        if odd { ODD_SIGHTINGS } else { NOISE_ON_NOISE }
     } else if search.alone(&[noise]) >= search.alone(&[law]) {
         if LIBRARY[noise].name == "gusts" { LAW_ON_GUSTS } else { LAW_ON_NOISE }
     } else if ["tracker-dropout", "tracker-outliers"].contains(&LIBRARY[noise].name) {

@@ -95,6 +95,8 @@ fn a_ceiling_that_acts_in_a_thin_layer_is_found() {
 fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
     for (text, name, form, planted, plainest) in [
         ("rotor-lag:time_constant_s=0.12,fall_ratio=3", "rotor-lag", "fall_ratio", 3.0, 1.0),
+        // A damping ratio of 0.46.
+        ("rotor-lag:time_constant_s=0.09,second_order=1.2", "rotor-lag", "second_order", 1.2, 0.0),
         (
             "battery-load:sag=0.08,time_constant_s=1.5,prompt_share=0.5",
             "battery-load",
@@ -298,6 +300,70 @@ fn a_clock_of_milliseconds_still_shows_a_pause_every_eighty_iterations() {
     let said = paused(0.013);
     assert_eq!(said.effects, ["loop-overrun"], "{:#?}", &said.candidates[..2]);
     assert_eq!(paused(0.0).verdict, Verdict::None);
+}
+
+#[test]
+fn a_readback_on_its_way_shows_a_lag_wherever_in_the_period_it_was_taken() {
+    let nominal = rig();
+    let mut real = nominal.clone();
+    let lag_s = 0.1;
+    real.effects.push(parse_effect(&format!("actuator-lag:time_constant_s={lag_s}")).unwrap());
+    for read_after_s in [0.005, 0.095] {
+        let mut tracks = tracks(&real, &nominal);
+        for track in &mut tracks {
+            let (mut pin_v, mut told_v, mut told_s) = (track.pins[0].asked, track.pins[0].asked, f64::MIN);
+            for pin in &mut track.pins {
+                let noise_v = pin.readback - pin.commanded;
+                pin_v = told_v + (pin_v - told_v) * (-(pin.time_s - told_s) / lag_s).exp();
+                (told_v, told_s) = (pin.commanded, pin.time_s);
+                pin.readback = told_v + (pin_v - told_v) * (-read_after_s / lag_s).exp() + noise_v;
+            }
+        }
+        let said = told(&tracks, &nominal);
+        assert_eq!(said.effects, ["actuator-lag"], "{read_after_s} s: {:#?}", &said.candidates[..2]);
+        let found = &said.candidates[0].parameters[0];
+        assert!(found.low < lag_s && lag_s < found.high, "{read_after_s} s: {found:?}");
+    }
+}
+
+/// The same flight as a log that has one row an iteration, with the newest frame that had come.
+fn newest_of_frames(flight: &Flight, rig: &Rig) -> Flight {
+    let waited_s = rig.tracker.latency_s.value + 0.5 * rig.tracker.frame_period_s;
+    let mut positions = Vec::new();
+    for command in &flight.commands {
+        let came =
+            flight.positions.iter().filter(|p| p.position_m[2].is_finite() && p.arrived_at <= command.time);
+        if let Some(newest) = came.max_by_key(|p| p.exposed_at) {
+            let mut row = newest.clone();
+            row.arrived_at = command.time;
+            row.exposed_at = command.time.shifted(-waited_s);
+            positions.push(row);
+        }
+    }
+    Flight { positions, ..flight.clone() }
+}
+
+#[test]
+fn a_log_of_the_newest_frames_shows_that_some_were_lost() {
+    let nominal = rig();
+    // Two frames are less than an iteration: hardly a reading is that of the row before, many are older than they seem.
+    for text in [
+        "tracker-dropout:probability=0.15,mean_burst_frames=2",
+        "tracker-dropout:probability=0.1,mean_burst_frames=6",
+    ] {
+        let mut real = nominal.clone();
+        real.effects.push(parse_effect(text).unwrap());
+        let tracks: Vec<Track> = MISSIONS
+            .iter()
+            .zip(1..)
+            .map(|(mission, seed)| {
+                let rows = newest_of_frames(&fly(&real, mission, seed), &nominal);
+                Track::from_flight(mission, &rows, &nominal).unwrap()
+            })
+            .collect();
+        let said = told(&tracks, &nominal);
+        assert_eq!(said.effects, ["tracker-dropout"], "{text}: {:#?}", &said.candidates[..3]);
+    }
 }
 
 #[test]

@@ -5,15 +5,15 @@ use bench_rig::Rig;
 
 use super::{
     Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
-    lag::{SECOND_SHARE, TwoLags},
+    lag::{SECOND_ORDER, TwoLags},
 };
 
-/// All four sticks pass a lag, of first order or nearly.
+/// All four sticks pass a lag, of first order or second.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "actuator-lag",
     stage: Stage::Actuator,
     summary: "the motors hear the sticks through a lag",
-    law: "(1 - s) tau dx/dt = pin - x, s tau du/dt = x - u",
+    law: "a tau^2 u'' + tau u' + u = pin",
     source: "Stevens, Lewis, Johnson, Aircraft Control and Simulation, 3rd ed., 2015: actuators as first-order lags",
     parameters: &[
         Parameter {
@@ -26,18 +26,18 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: Some(0.0),
             default: None,
         },
-        SECOND_SHARE,
+        SECOND_ORDER,
     ],
     build,
 };
 
 fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    Box::new(ActuatorLag { time_constant_s: values[0], second_share: values[1], lags: None })
+    Box::new(ActuatorLag { time_constant_s: values[0], second_order: values[1], lags: None })
 }
 
 struct ActuatorLag {
     time_constant_s: f64,
-    second_share: f64,
+    second_order: f64,
     /// Settled on the first input: the hand controller was on before the flight began.
     lags: Option<[TwoLags; 4]>,
 }
@@ -45,10 +45,10 @@ struct ActuatorLag {
 impl Effect for ActuatorLag {
     fn actuate(&mut self, dt_s: f64, sticks: &mut Sticks) {
         let mut values = sticks.to_array();
-        let (time_constant_s, second_share) = (self.time_constant_s, self.second_share);
+        let (time_constant_s, second_order) = (self.time_constant_s, self.second_order);
         let lags = self
             .lags
-            .get_or_insert_with(|| values.map(|value| TwoLags::new(time_constant_s, second_share, value)));
+            .get_or_insert_with(|| values.map(|value| TwoLags::new(time_constant_s, second_order, value)));
         for (value, lag) in values.iter_mut().zip(lags) {
             *value += lag.advance(dt_s, *value, 1.0).mean;
         }
@@ -80,8 +80,8 @@ mod tests {
     }
 
     #[test]
-    fn a_second_lag_takes_its_share_of_the_time_constant() {
-        let mut lag = effect("actuator-lag", &[0.1, 0.4]);
+    fn of_second_order_it_may_be_two_lags_in_series() {
+        let mut lag = effect("actuator-lag", &[0.1, 0.24]);
         let mut throttle = 0.0;
         lag.actuate(1e-4, &mut Sticks::default());
         for _ in 0..1000 {

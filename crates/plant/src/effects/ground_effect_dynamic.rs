@@ -2,10 +2,7 @@
 
 use bench_rig::Rig;
 
-use super::{
-    Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
-    lag::{SECOND_SHARE, mean_decay},
-};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::mean_decay};
 use crate::nominal::{Air, Nominal};
 
 /// The extra thrust of the ground effect lags its static value.
@@ -36,7 +33,16 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: None,
             default: Some(1.0),
         },
-        SECOND_SHARE,
+        Parameter {
+            key: "second_share",
+            unit: "1",
+            meaning: "share of the time constant that is a second lag, behind the first",
+            min: 0.0,
+            max: 0.45,
+            prior: Prior::Normal { mean: 0.0, sigma: 0.2 },
+            neutral: None,
+            default: Some(0.0),
+        },
     ],
     build,
 };

@@ -4,15 +4,15 @@ use bench_rig::Rig;
 
 use super::{
     Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
-    lag::{SECOND_SHARE, TwoLags},
+    lag::{SECOND_ORDER, TwoLags},
 };
 
-/// The rotor's speed follows the commanded one with a lag of first order, or nearly; faster up than down, or not.
+/// The rotor's speed follows the commanded one with a lag of first order or second; faster up than down, or not.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "rotor-lag",
     stage: Stage::Propulsion,
     summary: "rotor speed follows its command with a lag",
-    law: "T' = w^2, (1 - s) tau dx/dt = sqrt(T) - x, s tau dw/dt = x - w; tau sqrt(r) while x falls, tau/sqrt(r) while it rises",
+    law: "T' = w^2, a tau^2 w'' + tau w' + w = sqrt(T); tau sqrt(r) while w falls, tau/sqrt(r) while it rises",
     source: "Mahony, Kumar, Corke, Multirotor Aerial Vehicles, IEEE Robotics and Automation Magazine 19(3), 2012: motor dynamics, thrust as speed squared; Furrer, Burri, Achtelik, Siegwart, RotorS, 2016: rotors that slow down more slowly than they speed up",
     parameters: &[
         Parameter {
@@ -35,15 +35,15 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: None,
             default: Some(1.0),
         },
-        SECOND_SHARE,
+        SECOND_ORDER,
     ],
     build,
 };
 
 fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let [time_constant_s, fall_ratio, second_share] = [values[0], values[1], values[2]];
+    let [time_constant_s, fall_ratio, second_order] = [values[0], values[1], values[2]];
     Box::new(RotorLag {
-        root_thrust: TwoLags::new(time_constant_s, second_share, 0.0),
+        root_thrust: TwoLags::new(time_constant_s, second_order, 0.0),
         rise: fall_ratio.sqrt(),
         fall: fall_ratio.sqrt().recip(),
     })
