@@ -231,13 +231,15 @@ impl Diagnosis {
         // Pins that are known not to hold what they were told are believed as they were read, noise and all, unless they moved on
         // afterwards.
         let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
-            let mut tracks = problem.tracks.to_vec();
-            for track in &mut tracks {
-                track.at_pins(|input, pin| {
-                    input.throttle = if direct.read_on_the_way { pin.commanded } else { pin.readback };
-                });
-            }
-            tracks
+            let believed = |track: &Track| {
+                let mut track = track.clone();
+                if direct.lag_of_pins.is_some() {
+                    return track.as_commanded(problem.rig);
+                }
+                track.at_pins(|input, pin| input.throttle = pin.readback);
+                track
+            };
+            problem.tracks.iter().map(believed).collect()
         });
         let tracks = read.as_deref().unwrap_or(problem.tracks);
         let problem = &problem.with_tracks(tracks);

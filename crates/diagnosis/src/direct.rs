@@ -19,8 +19,8 @@ use crate::{
 pub struct Direct {
     /// Effects with a gain of log-likelihood over ordinary behaviour.
     pub effects: Vec<DirectEffect>,
-    /// Whether pins were read on their way, at a time that nobody knows: what they held is what their lag makes of the commands.
-    pub read_on_the_way: bool,
+    /// The lag of pins that were read on their way at a time that nobody knows: what they held is what it makes of the commands.
+    pub lag_of_pins: Option<usize>,
     /// Log-likelihood that the pins' own stage leaves on the table: no law of the library explains the readback.
     pub unexplained_pins: f64,
     /// What was seen, for people.
@@ -378,16 +378,22 @@ impl PinChannel<'_> {
 
     /// The pin follows with a first-order lag, and is read on its way: when, where no answer tells, is tried.
     fn lag(&self) -> Option<PinLaw> {
-        let excess = |time_constant_s: f64, read_s: f64| {
+        // The output rounds before it.
+        let excess = |time_constant_s: f64, read_s: f64| -> f64 {
             let left = |s: f64| (-s.max(0.0) / time_constant_s).exp();
-            // Where the pin was when it was told, what it was told, and when.
-            let (mut was, mut told, mut told_s) = (0.0, 0.0, 0.0);
-            self.all(|pin, first| {
-                let now_s = pin.time_s - pin.delay_s;
-                let held = if first { pin.asked } else { told + (was - told) * left(now_s - told_s) };
-                (was, told, told_s) = (held, pin.commanded, now_s);
-                told + (was - told) * left(pin.delay_s + read_s)
-            })
+            let of_flight = |pins: &&[Pin]| -> f64 {
+                let begun = pins.first().map_or((0.0, 0.0, 0.0), |pin| (pin.asked, pin.asked, pin.time_s));
+                // Where the pin was when it was told, what it was told, and when.
+                let (mut was, mut told, mut told_s) = begun;
+                let off = |pin: &Pin| {
+                    let now_s = pin.time_s - pin.delay_s;
+                    was = told + (was - told) * left(now_s - told_s);
+                    (told, told_s) = (pin.commanded, now_s);
+                    pin.readback - told - (was - told) * left(pin.delay_s + read_s)
+                };
+                pins.iter().map(off).map(|off| capped(off, self.sigma)).sum()
+            };
+            self.flights.iter().map(of_flight).sum()
         };
         let read: &[f64] = if self.answered() { &[0.0] } else { &READ_AFTER };
         read.iter()
@@ -458,19 +464,8 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     // The noise is itself estimated from these readbacks, the fewer the worse.
     let readbacks = all.len() as f64;
     let floor = (1.15 + 5.0 / readbacks.sqrt()) * 0.5 * readbacks + 10.0;
-    // No law of the library changes a scale. Where that leaves but noise, no law of the library is asked for more.
-    if let Some(scales) = channel.scales().filter(|scales| scales.gain > 0.0 && scales.excess < floor) {
-        out.findings.push(Finding {
-            channel: "readback",
-            text: format!(
-                "the scale of readback over command differs between flights by up to {:.2} %",
-                100.0 * scales.spread
-            ),
-        });
-        out.unexplained_pins = scales.gain.min(MOST_DIRECT);
-        return;
-    }
-    if ordinary - floor < LAW_COST {
+    let scales = channel.scales().filter(|scales| scales.gain > 0.0 && scales.excess < floor);
+    if scales.is_none() && ordinary - floor < LAW_COST {
         return;
     }
     let mut laws: Vec<PinLaw> = [
@@ -487,7 +482,20 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     .collect();
     laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
     let Some(best) = laws.first().map(|law| law.excess) else { return };
-    out.read_on_the_way = laws[0].effect == library("actuator-lag") && !channel.answered();
+    // No law of the library changes a scale.
+    if let Some(scales) = scales.filter(|scales| scales.gain > ordinary - best - LAW_COST) {
+        out.findings.push(Finding {
+            channel: "readback",
+            text: format!(
+                "the scale of readback over command differs between flights by up to {:.2} %",
+                100.0 * scales.spread
+            ),
+        });
+        out.unexplained_pins = scales.gain.min(MOST_DIRECT);
+        return;
+    }
+    out.lag_of_pins =
+        Some(laws[0].effect).filter(|law| *law == library("actuator-lag") && !channel.answered());
     out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
     // They explain the same readbacks: what the best has over another counts in full.
     let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);

@@ -232,16 +232,31 @@ fn best_of_each(fits: &mut Vec<Fit>) {
 /// A pair that is so many nats ahead of one of its laws may stand where that law alone had not found the way.
 const AGAIN_NATS: f64 = 8.0;
 
-/// The better law of the best pair, fitted anew alone from where it stands there; `None` where that gains nothing.
+/// The best pairs from which the better law is looked for anew.
+const AGAIN_FROM: usize = 3;
+
+/// The better law of the best pair, fitted anew alone from where it stands in the best pairs that it is part of; `None` where that
+/// gains nothing.
 fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
-    let best = pairs.iter().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
+    let mut best_first: Vec<&Fit> = pairs.iter().collect();
+    best_first.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    let best = best_first.first()?;
     let base = bases.iter().find(|base| best.effects().contains(&base.point.effects[0].0))?;
     if best.log_evidence < base.log_evidence + AGAIN_NATS {
         return None;
     }
-    let mut start = best.point.clone();
-    start.effects.retain(|(effect, _)| *effect == base.point.effects[0].0);
-    Some(problem.refine(start, best.noise)).filter(|fit| fit.log_evidence > base.log_evidence)
+    let effect = base.point.effects[0].0;
+    best_first.retain(|pair| pair.effects().contains(&effect));
+    best_first.truncate(AGAIN_FROM);
+    best_first
+        .into_par_iter()
+        .map(|pair| {
+            let mut start = pair.point.clone();
+            start.effects.retain(|(other, _)| *other == effect);
+            problem.refine(start, pair.noise)
+        })
+        .filter(|fit| fit.log_evidence > base.log_evidence)
+        .max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
 }
 
 /// Passes after which fits are compared, or the nats that a step of them still promises, and nats by which one may be behind

@@ -282,6 +282,18 @@ impl Track {
         }
     }
 
+    /// The same flight with pins that held what they were told, whatever was read of them.
+    pub(crate) fn as_commanded(mut self, rig: &Rig) -> Self {
+        self.at_pins(|input, pin| input.throttle = pin.commanded);
+        // Thrust may begin earlier than what was read of a pin says.
+        let offset = rig.airframe.thrust.offset.value;
+        let turning = |input: &Input| input.throttle > offset;
+        if let Some(first) = self.inputs.iter().find(|input| turning(input)) {
+            self.begin_s = self.begin_s.min(first.time_s);
+        }
+        self
+    }
+
     fn check(self) -> Result<Self, TrackError> {
         let seen = self.sightings.iter().filter(|s| s.counts).count();
         if seen < LEAST_SIGHTINGS {

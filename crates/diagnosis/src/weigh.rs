@@ -20,6 +20,8 @@ const FORGIVEN_NATS: f64 = 7.0;
 const FORGIVEN_SHARE: f64 = 0.2;
 /// The same of offsets of the tracker and of a drift from flight to flight, which laws of another form look less like.
 const FORGIVEN_OFFSETS_SHARE: f64 = 0.1;
+/// So much of them is forgiven in any case: of numbers at the edge of their tolerances comes as much.
+const FORGIVEN_OFFSETS_NATS: f64 = 5.0;
 /// Forgiven where nothing is named: flights without an effect leave next to nothing,
 const FORGIVEN_NONE_NATS: f64 = 3.5;
 /// unless their noise was seen to differ from flight to flight: what is not the model's noise differs with it.
@@ -158,7 +160,14 @@ impl Weighed {
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
         let of_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
         let forgiven = crowd * if best.effects.is_empty() { of_none } else { FORGIVEN_NATS };
-        let mut left = unexplained(best, &search.fits[best.fit], &on_null, waves, direct, forgiven);
+        let mut left = unexplained(
+            best,
+            &search.fits[best.fit],
+            &on_null,
+            waves,
+            direct,
+            [forgiven, forgiven.max(crowd * FORGIVEN_OFFSETS_NATS)],
+        );
         let beyond = pulses - forgiven_pulses(best, uneven(problem), crowd);
         if beyond > 0.0 {
             left = left.max(beyond);
@@ -363,18 +372,27 @@ fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
             return;
         }
         all.retain(|other| !same(&other.effects, &effects));
-        // What a readback shows of a pin, a flight tells but once more.
+        // What a readback shows of a pin, a flight tells but once more; how long a lag is that was read at some time on its way,
+        // the flight alone.
+        let fitted = search.fits[fit].effects();
         let read_back = |effect: &&usize| {
+            if direct.lag_of_pins == Some(**effect) && fitted.contains(effect) {
+                return false;
+            }
             let mut found = direct.effects.iter();
             read.contains(effect) || found.any(|f| f.effect == **effect && f.channel == "readback")
         };
         let direct = effects.iter().filter(read_back).copied().collect();
         all.push(Hypothesis { effects, fit, direct, gain, regions: None, grounds, forgiven });
     };
+    // A lag that pins were read to have moves what flies, too.
+    let lag = direct.lag_of_pins.filter(|lag| search.fits.iter().any(|fit| fit.effects().contains(lag)));
     for fit in 0..search.fits.len() {
         add(fit, &[]);
         for found in &direct.effects {
-            add(fit, &[found.effect]);
+            if lag != Some(found.effect) || search.fits[fit].effects().contains(&found.effect) {
+                add(fit, &[found.effect]);
+            }
         }
     }
     for (i, a) in direct.effects.iter().enumerate() {
@@ -490,7 +508,7 @@ fn unexplained(
     on_null: &Regions,
     [wave_on_null, mut wave]: [f64; 2],
     direct: &Direct,
-    forgiven: f64,
+    [forgiven, of_offsets]: [f64; 2],
 ) -> f64 {
     let on_best = best.regions.as_ref().unwrap_or(on_null);
     let gain = best.gain.max(0.0);
@@ -507,7 +525,7 @@ fn unexplained(
     let left = structure.max(wave).max(0.7 * (structure + wave));
     let mut flight = left - forgiven - share * gain;
     let past = on_best.past - forgiven - FORGIVEN_SHARE * gain;
-    let offset = on_best.offset().max(on_best.drift) - forgiven - FORGIVEN_OFFSETS_SHARE * gain;
+    let offset = on_best.offset().max(on_best.drift) - of_offsets - FORGIVEN_OFFSETS_SHARE * gain;
     let beyond = past.max(offset);
     if beyond > 0.0 {
         flight = flight.max(beyond);

@@ -65,7 +65,7 @@ pub(super) const SECOND_ORDER: Parameter = Parameter {
     unit: "1",
     meaning: "coefficient a of a tau^2 x'': 0 a first-order lag, up to 1/4 two lags in series, beyond it overshoots, with a damping ratio of 1/(2 sqrt(a))",
     min: 0.0,
-    max: 4.0,
+    max: 1.5,
     prior: Prior::Normal { mean: 0.0, sigma: 0.35 },
     neutral: None,
     default: Some(0.0),
