@@ -234,7 +234,7 @@ impl Diagnosis {
             let believed = |track: &Track| {
                 let mut track = track.clone();
                 if direct.lag_of_pins.is_some() {
-                    return track.as_commanded(problem.rig);
+                    return track.on_commands(problem.rig);
                 }
                 track.at_pins(|input, pin| input.throttle = pin.readback);
                 track

@@ -409,6 +409,30 @@ impl PinChannel<'_> {
             .min_by(|a, b| a.excess.total_cmp(&b.excess))
     }
 
+    /// Play behind the output, of what it has rounded: less than one of its steps shows, too.
+    fn play(&self) -> Option<PinLaw> {
+        let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
+        let excess = |width: f64| -> f64 {
+            let of_flight = |pins: &&[Pin]| -> f64 {
+                let mut held = pins.first().map_or(0.0, |pin| pin.commanded);
+                let off = |pin: &Pin| {
+                    held = held.clamp(pin.commanded - 0.5 * width, pin.commanded + 0.5 * width);
+                    capped(pin.readback - held, self.sigma)
+                };
+                pins.iter().map(off).sum()
+            };
+            self.flights.iter().map(of_flight).sum()
+        };
+        (0..120)
+            .map(|i| 0.0005 * (0.15_f64 / 0.0005).powf(f64::from(i) / 119.0) * range)
+            .map(|width| PinLaw {
+                effect: library("actuator-backlash"),
+                excess: excess(width),
+                values: vec![width / range],
+            })
+            .min_by(|a, b| a.excess.total_cmp(&b.excess))
+    }
+
     /// Play: the pin is dragged along, or sticks and jumps.
     fn backlash(&self, jumps: bool) -> Option<PinLaw> {
         let sticks = &self.rig.airframe.sticks;
@@ -468,22 +492,11 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     if scales.is_none() && ordinary - floor < LAW_COST {
         return;
     }
-    let mut laws: Vec<PinLaw> = [
-        channel.saturation(),
-        channel.quantisation(),
-        channel.fine_quantisation(),
-        channel.treads(),
-        channel.lag(),
-        channel.backlash(false),
-        channel.backlash(true),
-    ]
-    .into_iter()
-    .flatten()
-    .collect();
-    laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
-    let Some(best) = laws.first().map(|law| law.excess) else { return };
-    // No law of the library changes a scale.
-    if let Some(scales) = scales.filter(|scales| scales.gain > ordinary - best - LAW_COST) {
+    let (lag, play) = (channel.lag(), channel.play());
+    // No law of the library changes a scale. Where that leaves but noise, none of those with many numbers is asked for more.
+    let gain = |law: &PinLaw| ordinary - law.excess - LAW_COST;
+    let plain = [&lag, &play].into_iter().flatten().map(gain).fold(0.0, f64::max);
+    if let Some(scales) = scales.filter(|scales| scales.gain > plain) {
         out.findings.push(Finding {
             channel: "readback",
             text: format!(
@@ -494,6 +507,21 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         out.unexplained_pins = scales.gain.min(MOST_DIRECT);
         return;
     }
+    let mut laws: Vec<PinLaw> = [
+        channel.saturation(),
+        channel.quantisation(),
+        channel.fine_quantisation(),
+        channel.treads(),
+        lag,
+        play,
+        channel.backlash(false),
+        channel.backlash(true),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
+    let Some(best) = laws.first().map(|law| law.excess) else { return };
     out.lag_of_pins =
         Some(laws[0].effect).filter(|law| *law == library("actuator-lag") && !channel.answered());
     out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);

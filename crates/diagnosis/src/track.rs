@@ -283,7 +283,7 @@ impl Track {
     }
 
     /// The same flight with pins that held what they were told, whatever was read of them.
-    pub(crate) fn as_commanded(mut self, rig: &Rig) -> Self {
+    pub(crate) fn on_commands(mut self, rig: &Rig) -> Self {
         self.at_pins(|input, pin| input.throttle = pin.commanded);
         // Thrust may begin earlier than what was read of a pin says.
         let offset = rig.airframe.thrust.offset.value;

@@ -331,6 +331,29 @@ fn a_readback_on_its_way_shows_a_lag_wherever_in_the_period_it_was_taken() {
     }
 }
 
+#[test]
+fn play_behind_the_output_is_backlash_even_where_it_is_less_than_a_step() {
+    let rig = rig();
+    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
+    // Half of one of the output's steps, and four of them.
+    for width in [0.002, 0.016] {
+        let mut tracks = tracks(&rig, &rig);
+        for track in &mut tracks {
+            let mut held = track.pins[0].commanded;
+            for pin in &mut track.pins {
+                let noise = pin.readback - pin.commanded;
+                let half = 0.5 * width * range;
+                held = held.clamp(pin.commanded - half, pin.commanded + half);
+                pin.readback = held + noise;
+            }
+        }
+        let said = told(&tracks, &rig);
+        assert!(said.effects.contains(&"actuator-backlash"), "{width}: {:#?}", &said.candidates[..2]);
+        let found = said.candidates[0].parameters.iter().find(|p| p.name == "width_fraction").unwrap();
+        assert!((found.value / width - 1.0).abs() < 0.15, "{width}: {found:?}");
+    }
+}
+
 /// The same flight as a log that has one row an iteration, with the newest frame that had come.
 fn newest_of_frames(flight: &Flight, rig: &Rig) -> Flight {
     let waited_s = rig.tracker.latency_s.value + 0.5 * rig.tracker.frame_period_s;
@@ -339,7 +362,7 @@ fn newest_of_frames(flight: &Flight, rig: &Rig) -> Flight {
         let came =
             flight.positions.iter().filter(|p| p.position_m[2].is_finite() && p.arrived_at <= command.time);
         if let Some(newest) = came.max_by_key(|p| p.exposed_at) {
-            let mut row = newest.clone();
+            let mut row = *newest;
             row.arrived_at = command.time;
             row.exposed_at = command.time.shifted(-waited_s);
             positions.push(row);
