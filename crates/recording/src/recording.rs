@@ -142,7 +142,7 @@ impl Records {
                 Ok(opcode) => opcode,
                 Err(error) => return Some(Err(self.error(&error))),
             };
-            if let Err(error) = self.expect_chunk(opcode == op::CHUNK) {
+            if let Err(error) = self.expect(opcode) {
                 return Some(Err(error));
             }
             self.offset += container::RECORD_HEAD + self.body.len() as u64;
@@ -154,17 +154,25 @@ impl Records {
     }
 
     /// Refuses a file in which a chunk does not stand where the summary says: a damaged head would otherwise hide a whole
-    /// chunk until the checksum at the end, after the records that follow it were given.
-    fn expect_chunk(&mut self, is_chunk: bool) -> Result<(), RecordingError> {
+    /// chunk until the checksum at the end, after the records that follow it were given. Messages stand in chunks alone, and
+    /// the data ends after the last one: other records have no checksum of their own.
+    fn expect(&mut self, opcode: u8) -> Result<(), RecordingError> {
         let Some(chunks) = &mut self.chunks else { return Ok(()) };
         let due = chunks.last().copied();
-        if is_chunk && due == Some(self.offset) {
-            chunks.pop();
-        } else if is_chunk || due.is_some_and(|due| due <= self.offset) {
+        let is_right = match opcode {
+            op::CHUNK => due == Some(self.offset),
+            op::MESSAGE => false,
+            op::DATA_END => due.is_none(),
+            _ => due.is_none_or(|due| due > self.offset),
+        };
+        if !is_right {
             return Err(RecordingError::Damaged {
                 path: self.path.clone(),
                 detail: format!("the record at byte {} is not what the summary lists there", self.offset),
             });
+        }
+        if opcode == op::CHUNK {
+            chunks.pop();
         }
         Ok(())
     }

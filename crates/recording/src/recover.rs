@@ -149,11 +149,14 @@ impl Salvage {
         let mut whole_bytes = mcap::MAGIC.len() as u64;
         while let Some(read) = stream.next(&mut body) {
             match read {
-                Ok(op::DATA_END) => return Ok(()),
+                Ok(op::DATA_END) if self.chunks.is_empty() => return Ok(()),
                 Ok(op::CHUNK) => {
                     self.chunks.remove(&whole_bytes);
                     self.copy_chunk(&body)?;
                 }
+                // What the recorder puts into chunks stands nowhere else, where no checksum would cover it; the summary, which
+                // repeats definitions, was read.
+                Ok(op::MESSAGE | op::SCHEMA | op::CHANNEL | op::DATA_END) => self.report.damaged_records += 1,
                 Ok(opcode) => self.copy_record(opcode, &body)?,
                 Err(error) => {
                     self.report.stopped_by = Some(error.to_string());

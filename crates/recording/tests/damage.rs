@@ -3,6 +3,7 @@
 mod common;
 
 use std::{
+    collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
     sync::LazyLock,
@@ -10,6 +11,7 @@ use std::{
 
 use bench_recording::{Info, Mode, Options, Record, Recorder, Recording, RecordingError, Session, recover};
 use common::{flight, one_of_each, session, write};
+use mcap::records::op;
 use proptest::prelude::*;
 use tempfile::{TempDir, tempdir};
 
@@ -98,26 +100,57 @@ proptest! {
 
     #[test]
     fn a_flipped_byte_is_an_error_or_changes_nothing(at in 0.0..1.0_f64, mask in 1..=255_u8) {
-        let whole = &*WHOLE;
-        let mut bytes = whole.bytes.clone();
-        let at = (bytes.len() as f64 * at) as usize;
-        bytes[at] ^= mask;
-        let folder = tempdir().unwrap();
-        let input = file(&folder, "flipped.mcap", &bytes);
-        // Whatever was read before the damage was found is right.
-        let read = Recording::open(&input).and_then(|recording| Ok(recording.records()?.collect::<Vec<_>>()));
-        if let Ok(read) = read {
-            let good: Vec<_> = read.iter().map_while(|record| record.as_ref().ok().copied()).collect();
-            prop_assert!(good[..] == whole.records[..good.len()]);
-            prop_assert!(good.len() == whole.records.len() || read.last().is_some_and(Result::is_err));
-        }
-        // What is recovered is a part of what was recorded, in its order.
-        let output = folder.path().join("recovered.mcap");
-        if recover(&input, &output).is_ok() {
-            let mut rest = whole.records.iter();
-            prop_assert!(records(&output).iter().all(|record| rest.any(|original| original == record)));
-        }
+        let at = (WHOLE.bytes.len() as f64 * at) as usize;
+        flipped(at, mask);
     }
+}
+
+/// A byte of the flight with some of its bits flipped gives an error, or nothing but what was recorded.
+fn flipped(at: usize, mask: u8) {
+    let whole = &*WHOLE;
+    let mut bytes = whole.bytes.clone();
+    bytes[at] ^= mask;
+    let folder = tempdir().unwrap();
+    let input = file(&folder, "flipped.mcap", &bytes);
+    // Whatever was read before the damage was found is right.
+    let read = Recording::open(&input).and_then(|recording| Ok(recording.records()?.collect::<Vec<_>>()));
+    if let Ok(read) = read {
+        let good: Vec<_> = read.iter().map_while(|record| record.as_ref().ok().copied()).collect();
+        assert!(good[..] == whole.records[..good.len()], "byte {at} by {mask}");
+        assert!(
+            good.len() == whole.records.len() || read.last().is_some_and(Result::is_err),
+            "byte {at} by {mask}"
+        );
+    }
+    // What is recovered is a part of what was recorded, in its order.
+    let output = folder.path().join("recovered.mcap");
+    if recover(&input, &output).is_ok() {
+        let mut rest = whole.records.iter();
+        let recovered = records(&output);
+        assert!(
+            recovered.iter().all(|record| rest.any(|original| original == record)),
+            "byte {at} by {mask}"
+        );
+    }
+}
+
+/// An index of messages taken for a message, say: records outside chunks have no checksum of their own.
+#[test]
+fn a_record_whose_kind_is_damaged_is_not_read_as_another() {
+    let Whole { bytes, chunks, .. } = &*WHOLE;
+    // One chunk's followers are like another's.
+    let alike = chunks[1].start..chunks[chunks.len() - 1].start;
+    let mut at = mcap::MAGIC.len();
+    let mut kinds = BTreeSet::new();
+    while at < bytes.len() - mcap::MAGIC.len() {
+        let kind = bytes[at];
+        kinds.insert(kind);
+        for other in (1..=op::DATA_END).filter(|other| *other != kind && !alike.contains(&at)) {
+            flipped(at, kind ^ other);
+        }
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    assert!(kinds.contains(&op::MESSAGE_INDEX), "{kinds:?}");
 }
 
 /// A chunk whose head is damaged may look like a record that a reader has to skip.
