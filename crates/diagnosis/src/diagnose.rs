@@ -231,15 +231,16 @@ impl Diagnosis {
         // Pins that are known not to hold what they were told are believed as they were read, noise and all, unless they moved on
         // afterwards.
         let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
-            let believed = |track: &Track| {
-                let mut track = track.clone();
+            let mut tracks = problem.tracks.to_vec();
+            for track in &mut tracks {
                 if direct.lag_of_pins.is_some() {
-                    return track.on_commands(problem.rig);
+                    track.as_commanded();
+                    track.begin_with_thrust(problem.rig);
+                } else {
+                    track.at_pins(|input, pin| input.throttle = pin.readback);
                 }
-                track.at_pins(|input, pin| input.throttle = pin.readback);
-                track
-            };
-            problem.tracks.iter().map(believed).collect()
+            }
+            tracks
         });
         let tracks = read.as_deref().unwrap_or(problem.tracks);
         let problem = &problem.with_tracks(tracks);

@@ -4,11 +4,12 @@
 //! Each channel has its own likelihood, in which effects of its stage compete with ordinary behaviour. A channel's
 //! evidence adds to the evidence of the filter, which is fed with what the pins held and when.
 
-use bench_plant::effects::index_of;
+use bench_plant::effects::{LIBRARY, index_of};
 use bench_rig::Rig;
 use serde::Serialize;
 
 use crate::{
+    cycle::cycle,
     frame_clock::TOGETHER_S,
     law::known,
     track::{Pin, Track},
@@ -181,50 +182,73 @@ impl PinChannel<'_> {
         self.flights.iter().map(|pins| self.flight(pins, &mut law)).sum()
     }
 
-    /// A level that the pin does not pass, softly or hard, its own in each flight as supplies fade.
+    /// The same under a law that says what a pin holds of what the output has rounded.
+    fn behind_the_output(&self, mut law: impl FnMut(&Pin, bool) -> f64) -> f64 {
+        let of_flight = |pins: &&[Pin]| -> f64 {
+            let off = |(i, pin): (usize, &Pin)| capped(pin.readback - law(pin, i == 0), self.sigma);
+            pins.iter().enumerate().map(off).sum()
+        };
+        self.flights.iter().map(of_flight).sum()
+    }
+
+    /// A level that the pin does not pass, upwards or downwards, softly or hard, its own in each flight as supplies fade.
     fn saturation(&self) -> Option<PinLaw> {
-        let sticks = &self.rig.airframe.sticks;
-        let range = sticks.max - sticks.min;
+        let ends = [1.0, -1.0].into_iter().flat_map(|up| {
+            [0.0, 0.002, 0.005, 0.012].into_iter().map(move |softness| self.limit(up, softness))
+        });
+        ends.min_by(|a, b| a.excess.total_cmp(&b.excess))
+    }
+
+    /// The same in one direction, with one softness.
+    fn limit(&self, up: f64, softness: f64) -> PinLaw {
         let a = &self.rig.airframe;
+        let (min, max) = (a.sticks.min, a.sticks.max);
+        let softness = softness * (max - min);
         let ratio =
             |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
-        let mut best: Option<PinLaw> = None;
-        for softness in [0.0, 0.002, 0.005, 0.012] {
-            let softness = softness * range;
-            let (mut excess, mut levels) = (0.0, Vec::new());
-            for pins in &self.flights {
-                let highest = pins.iter().map(|pin| pin.asked).fold(f64::MIN, f64::max);
-                let candidates = (0..60).map(|i| highest - (highest - sticks.min) * 0.01 * f64::from(i));
-                let found = candidates
-                    .map(|level| {
-                        let law = |pin: &Pin| {
-                            let over = pin.asked - level;
-                            if softness == 0.0 {
-                                pin.asked.min(level)
-                            } else if over < -8.0 * softness {
-                                pin.asked
-                            } else {
-                                pin.asked
-                                    - softness
-                                        * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
-                            }
-                        };
-                        (self.flight(pins, &mut |pin, _| law(pin)), level)
-                    })
-                    .min_by(|a, b| a.0.total_cmp(&b.0));
-                if let Some((value, level)) = found {
-                    excess += value;
-                    if level < highest {
-                        levels.push(level);
+        let (mut excess, mut levels) = (0.0, Vec::new());
+        for pins in &self.flights {
+            // Of what was asked for, how far along the way from the other end of the range.
+            let along = |throttle: f64| if up > 0.0 { throttle - min } else { max - throttle };
+            let furthest = pins.iter().map(|pin| along(pin.asked)).fold(f64::MIN, f64::max);
+            let at = |level: f64| {
+                let beyond = |pin: &Pin| {
+                    let over = along(pin.asked) - level;
+                    if softness == 0.0 {
+                        over.max(0.0)
+                    } else if over < -8.0 * softness {
+                        0.0
+                    } else {
+                        softness * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
                     }
+                };
+                // The stick at its lower end may stop the motors, floor or not.
+                let off = |pin: &Pin| {
+                    up < 0.0 && pin.asked <= min && 2.0 * (pin.readback - pin.asked) < beyond(pin)
+                };
+                let told = |pin: &Pin| if off(pin) { pin.asked } else { pin.asked - up * beyond(pin) };
+                (self.flight(pins, &mut |pin, _| told(pin)), level)
+            };
+            let step = 0.01 * furthest;
+            let coarse = (0..60).map(|i| at(furthest - step * f64::from(i)));
+            let near = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
+            let finer = near.into_iter().flat_map(|(_, level)| {
+                (-9..10).map(move |i| (level + 0.1 * step * f64::from(i)).min(furthest))
+            });
+            if let Some((value, level)) = finer.map(at).min_by(|a, b| a.0.total_cmp(&b.0)) {
+                excess += value;
+                if level < furthest {
+                    levels.push(if up > 0.0 { min + level } else { max - level });
                 }
             }
-            let told = median(levels).map_or(20.0, ratio);
-            if best.as_ref().is_none_or(|other| excess < other.excess) {
-                best = Some(PinLaw { effect: library("actuator-saturation"), excess, values: vec![told] });
-            }
         }
-        best
+        let effect = library("actuator-saturation");
+        let told = median(levels).map(ratio);
+        let mut values: Vec<f64> = LIBRARY[effect].parameters.iter().filter_map(|p| p.neutral).collect();
+        let end = usize::from(up < 0.0);
+        let parameter = &LIBRARY[effect].parameters[end];
+        values[end] = told.map_or(values[end], |told| told.clamp(parameter.min, parameter.max));
+        PinLaw { effect, excess, values }
     }
 
     /// A scale of its own in each flight, as of a reference that drifts. `None` where flights are too few to differ.
@@ -378,22 +402,16 @@ impl PinChannel<'_> {
 
     /// The pin follows with a first-order lag, and is read on its way: when, where no answer tells, is tried.
     fn lag(&self) -> Option<PinLaw> {
-        // The output rounds before it.
-        let excess = |time_constant_s: f64, read_s: f64| -> f64 {
+        let excess = |time_constant_s: f64, read_s: f64| {
             let left = |s: f64| (-s.max(0.0) / time_constant_s).exp();
-            let of_flight = |pins: &&[Pin]| -> f64 {
-                let begun = pins.first().map_or((0.0, 0.0, 0.0), |pin| (pin.asked, pin.asked, pin.time_s));
-                // Where the pin was when it was told, what it was told, and when.
-                let (mut was, mut told, mut told_s) = begun;
-                let off = |pin: &Pin| {
-                    let now_s = pin.time_s - pin.delay_s;
-                    was = told + (was - told) * left(now_s - told_s);
-                    (told, told_s) = (pin.commanded, now_s);
-                    pin.readback - told - (was - told) * left(pin.delay_s + read_s)
-                };
-                pins.iter().map(off).map(|off| capped(off, self.sigma)).sum()
-            };
-            self.flights.iter().map(of_flight).sum()
+            // Where the pin was when it was told, what it was told, and when.
+            let (mut was, mut told, mut told_s) = (0.0, 0.0, 0.0);
+            self.behind_the_output(|pin, first| {
+                let now_s = pin.time_s - pin.delay_s;
+                was = if first { pin.asked } else { told + (was - told) * left(now_s - told_s) };
+                (told, told_s) = (pin.commanded, now_s);
+                told + (was - told) * left(pin.delay_s + read_s)
+            })
         };
         let read: &[f64] = if self.answered() { &[0.0] } else { &READ_AFTER };
         read.iter()
@@ -412,16 +430,15 @@ impl PinChannel<'_> {
     /// Play behind the output, of what it has rounded: less than one of its steps shows, too.
     fn play(&self) -> Option<PinLaw> {
         let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
-        let excess = |width: f64| -> f64 {
-            let of_flight = |pins: &&[Pin]| -> f64 {
-                let mut held = pins.first().map_or(0.0, |pin| pin.commanded);
-                let off = |pin: &Pin| {
-                    held = held.clamp(pin.commanded - 0.5 * width, pin.commanded + 0.5 * width);
-                    capped(pin.readback - held, self.sigma)
-                };
-                pins.iter().map(off).sum()
-            };
-            self.flights.iter().map(of_flight).sum()
+        let excess = |width: f64| {
+            let mut held = 0.0;
+            self.behind_the_output(|pin, first| {
+                if first {
+                    held = pin.commanded;
+                }
+                held = held.clamp(pin.commanded - 0.5 * width, pin.commanded + 0.5 * width);
+                held
+            })
         };
         (0..120)
             .map(|i| 0.0005 * (0.15_f64 / 0.0005).powf(f64::from(i) / 119.0) * range)
@@ -521,9 +538,8 @@ fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     .flatten()
     .collect();
     laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
-    let Some(best) = laws.first().map(|law| law.excess) else { return };
-    out.lag_of_pins =
-        Some(laws[0].effect).filter(|law| *law == library("actuator-lag") && !channel.answered());
+    let Some((leading, best)) = laws.first().map(|law| (law.effect, law.excess)) else { return };
+    out.lag_of_pins = (leading == library("actuator-lag") && !channel.answered()).then_some(leading);
     out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
     // They explain the same readbacks: what the best has over another counts in full.
     let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);
@@ -604,17 +620,50 @@ fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     }
 }
 
+/// Fewest iterations of which anything is told.
+const LEAST_TICKS: usize = 50;
 /// Lateness that any soft real-time loop has, s: below, nothing is told.
 const ORDINARY_LATENESS_S: f64 = 0.001;
+/// Less than this in turn is the beat of two clocks, s.
+const LATE_IN_TURN_S: f64 = 0.002;
 /// So many scales of the ordinary beyond the median an iteration is late.
 const LATE_SCALES: f64 = 8.0;
 
 fn ticks(tracks: &[Track], out: &mut Direct) {
-    let mut all: Vec<f64> = tracks.iter().flat_map(|t| t.lateness_s.iter().copied()).collect();
-    if all.len() < 50 {
+    let flights: Vec<&[f64]> = tracks.iter().map(|track| track.lateness_s.as_slice()).collect();
+    let mut all = flights.concat();
+    if all.len() < LEAST_TICKS {
         return;
     }
     all.sort_by(f64::total_cmp);
+    let tail = late_tail(&all);
+    let in_turn = cycle(&flights)
+        .filter(|cycle| cycle.gain > LAW_COST && cycle.later_s > LATE_IN_TURN_S)
+        .map(|cycle| {
+            let text = format!(
+                "in turn, one in {} of {} iterations started late, by {:.1} ms in the mean",
+                cycle.length,
+                all.len(),
+                1e3 * cycle.later_s
+            );
+            (cycle.gain - LAW_COST, vec![(cycle.length as f64).recip(), cycle.later_s], text)
+        });
+    let best = [tail, in_turn].into_iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((gain, values, text)) = best {
+        let late = values[0] * all.len() as f64;
+        out.findings.push(Finding { channel: "ticks", text });
+        out.effects.push(DirectEffect {
+            effect: library("loop-overrun"),
+            channel: "ticks",
+            gain: gain.min(MOST_DIRECT),
+            values,
+            relative_sigma: late.sqrt().recip(),
+        });
+    }
+}
+
+/// What of sorted lateness, s, lies beyond the ordinary: gain, the share of iterations and their mean lateness, and that in words.
+fn late_tail(all: &[f64]) -> Option<(f64, Vec<f64>, String)> {
     let median = all[all.len() / 2];
     let upper = all[all.len() * 3 / 4] - median;
     // The scale of an exponential tail, from its quartile above the median (ln 2 of it), and not below the ordinary; then,
@@ -625,9 +674,6 @@ fn ticks(tracks: &[Track], out: &mut Direct) {
     let scale = (above.clone().sum::<f64>() / above.count() as f64).clamp(ORDINARY_LATENESS_S, coarse);
     let threshold = late_by(scale);
     let late: Vec<f64> = all.iter().filter(|x| **x > threshold).map(|x| x - median).collect();
-    if late.is_empty() {
-        return;
-    }
     let (n, k) = (all.len() as f64, late.len() as f64);
     let mean = late.iter().sum::<f64>() / k;
     let share = k / n;
@@ -635,25 +681,17 @@ fn ticks(tracks: &[Track], out: &mut Direct) {
     let gain = late.iter().map(|x| (share / mean).ln() - x / mean + x / scale + scale.ln()).sum::<f64>()
         - (n - k) * share
         - LAW_COST;
-    if gain > 0.0 {
-        out.findings.push(Finding {
-            channel: "ticks",
-            text: format!(
-                "{} of {} iterations started late, by {:.0} ms in the mean and {:.0} ms at most",
-                late.len(),
-                all.len(),
-                1e3 * mean,
-                1e3 * late.iter().copied().fold(0.0, f64::max)
-            ),
-        });
-        out.effects.push(DirectEffect {
-            effect: library("loop-overrun"),
-            channel: "ticks",
-            gain: gain.min(MOST_DIRECT),
-            values: vec![share, mean],
-            relative_sigma: k.sqrt().recip(),
-        });
+    if gain <= 0.0 {
+        return None;
     }
+    let text = format!(
+        "{} of {} iterations started late, by {:.0} ms in the mean and {:.0} ms at most",
+        late.len(),
+        all.len(),
+        1e3 * mean,
+        1e3 * late.iter().copied().fold(0.0, f64::max)
+    );
+    Some((gain, vec![share, mean], text))
 }
 
 /// Share of frames that any tracker may lose.

@@ -10,6 +10,7 @@
 //! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
 
 mod calibration;
+mod cycle;
 mod diagnose;
 mod direct;
 mod fit;

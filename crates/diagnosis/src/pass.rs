@@ -276,8 +276,14 @@ pub type State = [f64; 4];
 pub type Covariance = [[f64; 4]; 4];
 /// For so long laws are held at what was there before the flight, s: they settle on it.
 const AT_REST_S: f64 = 1e-6;
-/// Longest integration step, s.
-const STEP_S: f64 = 0.034;
+/// Longest integration step, s, and the longest near the ground, where the air changes within centimetres.
+const STEP_S: f64 = 0.0501;
+const NEAR_GROUND_STEP_S: f64 = 0.034;
+/// Near the ground a step leads no further than this share of the ground effect's height, and is no shorter than this, s;
+/// near is nearer than so many of its heights.
+const STEP_OF_GROUND_EFFECT: f64 = 0.125;
+const LEAST_STEP_S: f64 = 0.003;
+const NEAR_HEIGHTS: f64 = 3.0;
 /// A repeated reading is stale if it is so many sigma off the prediction.
 const STALE_SIGMAS: f64 = 2.5;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
@@ -344,6 +350,8 @@ struct Filter {
     around: Surroundings,
     ratio_per_unit: f64,
     offset: f64,
+    /// Height below which the ground bends a flight, m.
+    ground_effect_m: f64,
     row: Vec<f64>,
     /// Lower triangle of the information, row by row.
     lower: Vec<f64>,
@@ -432,6 +440,7 @@ impl Filter {
             around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
             ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
             offset: rig.airframe.thrust.offset.value,
+            ground_effect_m: rig.airframe.ground_effect.height_m.value,
             p: initial_covariance(&noise),
             // Without directions only the likelihood is asked for.
             probes: if directions.is_empty() { Vec::new() } else { Probe::around(&noise).to_vec() },
@@ -474,14 +483,12 @@ impl Filter {
                 let until = at.min(edge).min(felt.first().map_or(f64::INFINITY, |felt| felt.time_s.max(now)));
                 let throttle = track.inputs[input].throttle;
                 self.look_at_channels(track, now);
-                let steps = ((until - now) / STEP_S).ceil().max(1.0);
-                let h = (until - now) / steps;
-                if h > 0.0 {
-                    for _ in 0..steps as usize {
-                        self.step(h, throttle);
-                    }
+                while now < until {
+                    let left = until - now;
+                    let steps = (left / self.longest_step_s()).ceil();
+                    self.step(left / steps, throttle);
+                    now = if steps > 1.0 { now + left / steps } else { until };
                 }
-                now = until;
                 if until == edge {
                     input += 1;
                 }
@@ -507,6 +514,16 @@ impl Filter {
         }
         let knots = self.knots.map(|(knots, _)| knots).unwrap_or_default();
         TrackPass { information, knots, ..self.pass }
+    }
+
+    /// How long the next step may be: fast through the ground effect, a flight is bent within a few hundredths of a second.
+    fn longest_step_s(&self) -> f64 {
+        let [z, v, ..] = self.x;
+        if z - STEP_S * v.abs() > NEAR_HEIGHTS * self.ground_effect_m {
+            return STEP_S;
+        }
+        let through_s = STEP_OF_GROUND_EFFECT * self.ground_effect_m / v.abs().max(f64::MIN_POSITIVE);
+        through_s.clamp(LEAST_STEP_S, NEAR_GROUND_STEP_S)
     }
 
     fn step(&mut self, h: f64, throttle: f64) {
@@ -538,11 +555,20 @@ impl Filter {
                 p[1][1] += self.noise.lift_off_m_s.powi(2);
             }
         }
-        let (az, av) = self.slopes(a0);
+        // Classical Runge-Kutta; what depends on the way there is taken in its middle.
         let a = a0 + b + w;
-        let jerk = az * v + av * a;
-        let mut z1 = z + h * (v + h * (a / 2.0 + h * jerk / 6.0));
-        let mut v1 = v + h * (a + h * jerk / 2.0);
+        let half = h / 2.0;
+        let after = |dt: f64, speed: f64, a: f64| [(z + dt * speed).max(0.0), v + dt * a];
+        let first = after(half, v, a);
+        let a1 = self.law.acceleration_m_s2(first[0], first[1]) + b + w;
+        let middle = after(half, first[1], a1);
+        let force = self.law.acceleration_m_s2(middle[0], middle[1]);
+        let a2 = force + b + w;
+        let end = after(h, middle[1], a2);
+        let a3 = self.law.acceleration_m_s2(end[0], end[1]) + b + w;
+        let mut z1 = z + h * (v + h * (a + a1 + a2) / 6.0);
+        let mut v1 = v + h * (a + 2.0 * (a1 + a2) + a3) / 6.0;
+        let (az, av) = self.slopes(middle, force);
         let kept = if w_time > 0.0 { (-h / w_time).exp() } else { 0.0 };
         let push = h * h / 2.0;
         let lift = h * (1.0 + av * h / 2.0);
@@ -573,7 +599,7 @@ impl Filter {
             if let Source::Law(law, _, reach) = &mut twin.source {
                 law.move_beside(&self.law, *reach, h, throttle, [z, v]);
             }
-            let push = twin.source.push([z, v], a0, &axes);
+            let push = twin.source.push(middle, force, &axes);
             twin.sensitivity = f.apply(twin.sensitivity);
             twin.sensitivity[0] += h * h / 2.0 * push;
             twin.sensitivity[1] += h * push;
@@ -663,10 +689,10 @@ impl Filter {
     fn look_around(&mut self, h: f64, throttle: f64) {
         let around = &mut self.around;
         around.ratio = (self.ratio_per_unit * (throttle - self.offset)).max(0.0);
-        around.lagged_ratio += (around.ratio - around.lagged_ratio) * -(-h / CHANGE_TIME_S).exp_m1();
+        around.lagged_ratio += (around.ratio - around.lagged_ratio) * settled(h / CHANGE_TIME_S);
         around.elapsed_s += h;
         around.charge_min += around.ratio * h / 60.0;
-        around.lagged_altitude_m += (self.x[0] - around.lagged_altitude_m) * -(-h / PAST_TIME_S).exp_m1();
+        around.lagged_altitude_m += (self.x[0] - around.lagged_altitude_m) * settled(h / PAST_TIME_S);
     }
 
     /// The quantities of [`Axis::ALL`].
@@ -812,7 +838,7 @@ impl Filter {
         if let Some(acceleration) = felt.acceleration_m_s2.filter(|_| self.noise.acceleration_m_s2 > 0.0) {
             let [z, v, b, w] = self.x;
             let force = self.law.acceleration_m_s2(z, v);
-            let (az, av) = self.slopes(force);
+            let (az, av) = self.slopes([z, v], force);
             let axes = self.axes();
             for (twin, out) in self.twins.iter().zip(&mut self.row) {
                 let push = twin.source.push([z, v], force, &axes);
@@ -840,9 +866,8 @@ impl Filter {
         self.moved(k, residual);
     }
 
-    /// Slopes of the law's acceleration by altitude and speed, about the state, where it is `force`.
-    fn slopes(&self, force: f64) -> (f64, f64) {
-        let [z, v, ..] = self.x;
+    /// Slopes of the law's acceleration by altitude and speed where it is `force`.
+    fn slopes(&self, [z, v]: [f64; 2], force: f64) -> (f64, f64) {
         let at = |z: f64, v: f64| self.law.acceleration_m_s2(z, v);
         ((at(z + DZ, v) - at(z - DZ, v)) / (2.0 * DZ), (at(z, v + DV) - force) / DV)
     }
@@ -903,6 +928,13 @@ fn spread(p: &mut Covariance, f: &Transition, h: f64, near_ground: bool, noise: 
 const CARRIED_M_S: f64 = 0.7;
 /// Its speed is taken from sightings so close, s.
 const SPEED_WITHIN_S: f64 = 0.3;
+
+/// How much of its way to a held target a first-order lag goes in a step, of `x` time constants: to a thousandth where `x` is a tenth,
+/// without an exponential in every step.
+#[inline]
+fn settled(x: f64) -> f64 {
+    x / (1.0 + 0.5 * x)
+}
 
 /// What is known of an airframe that is where it was seen.
 fn begin_anew(p: &mut Covariance, noise: &Noise) {
@@ -968,13 +1000,13 @@ impl Sight {
             let since_last = (self.since_s / self.frame_s).round();
             for frames in (1..MOST_STALE_FRAMES).map(f64::from) {
                 let late_m = self.factor * self.speed_m_s * frames * self.frame_s;
-                let chance = lost * ends;
-                let newer = frames < since_last;
-                older += if newer { 1.0 } else { noise.stale_probability }
-                    * chance
-                    * density(bounded(residual + late_m, s).0);
-                same += if newer { 0.0 } else { chance };
+                let mut chance = lost * ends;
                 lost -= chance;
+                if frames >= since_last {
+                    same += chance;
+                    chance *= noise.stale_probability;
+                }
+                older += chance * density(bounded(residual + late_m, s).0);
             }
             // The same reading again has a probability, not a density: that over the width of a step.
             // Readings that a fresh frame would give too say nothing: rounding repeats them.

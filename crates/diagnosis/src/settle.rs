@@ -54,6 +54,10 @@ pub fn settle(problem: &Problem<'_>, mut fit: Fit) -> Fit {
     fit
 }
 
+/// Memories beside the one at hand that are tried too, for many flights show it more finely than the few that are tried first: gusts of
+/// the right one would else gain by it.
+const NEARBY_TIMES: [f64; 2] = [0.8, 1.25];
+
 /// The noise of a fit, each open part halved or doubled where that is likelier, and its turbulence of the likeliest memory: an
 /// effect that the null lacks is a slow turbulence there.
 fn settled(problem: &Problem<'_>, fit: &Fit) -> Noise {
@@ -77,7 +81,8 @@ fn settled(problem: &Problem<'_>, fit: &Fit) -> Noise {
     }
     if problem.rig.disturbance.turbulence_time_s.is_none() {
         let from = noise;
-        for turbulence_time_s in TURBULENCE_TIMES_S {
+        let nearby = NEARBY_TIMES.map(|factor| factor * from.turbulence_time_s);
+        for turbulence_time_s in TURBULENCE_TIMES_S.into_iter().chain(nearby) {
             // Of a shorter memory it is also less: what it does within moments stays alike.
             for power in [0.0, 0.25, 0.5] {
                 let factor = (turbulence_time_s / from.turbulence_time_s).powf(power);

@@ -56,7 +56,7 @@ pub fn stages(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<StageShare> 
     if differ(as_scheduled) {
         players.push(Player::Loop);
     }
-    if differ(as_commanded) {
+    if differ(Track::as_commanded) {
         players.push(Player::Output);
     }
     if differ(as_believed) {
@@ -134,7 +134,7 @@ fn value(problem: &Problem<'_>, null: &Fit, best: &Fit, players: &[Player], set:
                 as_scheduled(&mut track);
             }
             if players.contains(&Player::Output) && !has(Player::Output) {
-                as_commanded(&mut track);
+                track.as_commanded();
             }
             if players.contains(&Player::Frames) && !has(Player::Frames) {
                 as_believed(&mut track);
@@ -157,13 +157,6 @@ fn as_scheduled(track: &mut Track) {
             input.time_s -= late_s;
         }
     }
-}
-
-fn as_commanded(track: &mut Track) {
-    track.at_pins(|input, pin| {
-        input.throttle = pin.commanded;
-        input.time_s -= pin.delay_s;
-    });
 }
 
 fn as_believed(track: &mut Track) {

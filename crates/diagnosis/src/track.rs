@@ -282,16 +282,20 @@ impl Track {
         }
     }
 
-    /// The same flight with pins that held what they were told, whatever was read of them.
-    pub(crate) fn on_commands(mut self, rig: &Rig) -> Self {
-        self.at_pins(|input, pin| input.throttle = pin.commanded);
-        // Thrust may begin earlier than what was read of a pin says.
+    /// Pins that held what they were told when they were told it, whatever was read of them.
+    pub(crate) fn as_commanded(&mut self) {
+        self.at_pins(|input, pin| {
+            input.throttle = pin.commanded;
+            input.time_s -= pin.delay_s;
+        });
+    }
+
+    /// Thrust may begin earlier than it did before the inputs were changed.
+    pub(crate) fn begin_with_thrust(&mut self, rig: &Rig) {
         let offset = rig.airframe.thrust.offset.value;
-        let turning = |input: &Input| input.throttle > offset;
-        if let Some(first) = self.inputs.iter().find(|input| turning(input)) {
+        if let Some(first) = self.inputs.iter().find(|input| input.throttle > offset) {
             self.begin_s = self.begin_s.min(first.time_s);
         }
-        self
     }
 
     fn check(self) -> Result<Self, TrackError> {

@@ -32,15 +32,15 @@ const FORGIVEN_PULSES_NATS: f64 = 18.0;
 const FORGIVEN_NONE_PULSES_NATS: f64 = 4.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
-const SECOND_LAW: (f64, f64) = (4.0, 0.105);
+const SECOND_LAW: (f64, f64) = (6.0, 0.105);
 /// or the same nats and so many times what the first is seen to leave along its own quantities, where that is less;
 const FORM_SEEN: f64 = 2.0;
 /// so many nats more for a second along the same quantities, which may itself be another form of the first;
-const ALONG_THE_SAME_NATS: f64 = 5.0;
+const ALONG_THE_SAME_NATS: f64 = 3.0;
 /// noise on top of a law, which takes in whatever the law leaves,
 const SECOND_NOISE: (f64, f64) = (8.0, 0.05);
 /// readings that stand still or lie far off on top of a law,
-const SECOND_READINGS: (f64, f64) = (20.0, 0.25);
+const SECOND_READINGS: (f64, f64) = (20.0, 0.1);
 /// a law on top of noise, whose size the law hardly bends,
 const LAW_ON_NOISE: (f64, f64) = (4.0, 0.0005);
 /// a law on top of gusts, which are never quite the model's,
@@ -212,6 +212,10 @@ impl Weighed {
             let told = calibration.told(probabilities[none], rival);
             give_none(&mut probabilities, none, told);
             unknown = probabilities.pop().unwrap_or(0.0);
+            // Where nothing is left that is unexplained, what is not known is whether there is anything.
+            if unknown_gain <= 0.0 && probabilities.iter().all(|probability| *probability < unknown) {
+                std::mem::swap(&mut unknown, &mut probabilities[none]);
+            }
         }
         Self {
             hypotheses,
@@ -344,7 +348,8 @@ fn hide(
 fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
     let mut all: Vec<Hypothesis> = Vec::new();
     let mut add = |fit: usize, read: &[usize]| {
-        let mut effects = search.fits[fit].effects();
+        let fitted = search.fits[fit].effects();
+        let mut effects = fitted.clone();
         for effect in read {
             if !effects.contains(effect) {
                 effects.push(*effect);
@@ -374,16 +379,13 @@ fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
         all.retain(|other| !same(&other.effects, &effects));
         // What a readback shows of a pin, a flight tells but once more; how long a lag is that was read at some time on its way,
         // the flight alone.
-        let fitted = search.fits[fit].effects();
-        let read_back = |effect: &&usize| {
-            if direct.lag_of_pins == Some(**effect) && fitted.contains(effect) {
-                return false;
-            }
-            let mut found = direct.effects.iter();
-            read.contains(effect) || found.any(|f| f.effect == **effect && f.channel == "readback")
+        let read_back = |effect: usize| {
+            direct.effects.iter().any(|found| found.effect == effect && found.channel == "readback")
         };
-        let direct = effects.iter().filter(read_back).copied().collect();
-        all.push(Hypothesis { effects, fit, direct, gain, regions: None, grounds, forgiven });
+        let flown = |effect: usize| direct.lag_of_pins == Some(effect) && fitted.contains(&effect);
+        let told_by = |effect: &usize| (read.contains(effect) || read_back(*effect)) && !flown(*effect);
+        let read_directly = effects.iter().copied().filter(told_by).collect();
+        all.push(Hypothesis { effects, fit, direct: read_directly, gain, regions: None, grounds, forgiven });
     };
     // A lag that pins were read to have moves what flies, too.
     let lag = direct.lag_of_pins.filter(|lag| search.fits.iter().any(|fit| fit.effects().contains(lag)));

@@ -5,38 +5,55 @@ use bench_rig::Rig;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
-/// Throttle beyond a limit does nothing.
+/// Throttle beyond a limit does nothing, nor, where there is one, below a floor; the stick at its end stops the motors.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "actuator-saturation",
     stage: Stage::Actuator,
     summary: "the throttle output saturates before its end; the readback shows it",
-    law: "pin = min(command, throttle at which nominal T = r W)",
+    law: "pin = min(max(command, throttle at which nominal T = f W), throttle at which T = r W)",
     source: "Hu and Lin, Control Systems with Actuator Saturation: Analysis and Design, 2001",
-    parameters: &[Parameter {
-        key: "high_thrust_to_weight",
-        unit: "1",
-        meaning: "nominal thrust over weight r at which the throttle saturates",
-        min: 0.5,
-        max: 20.0,
-        prior: Prior::LogNormal { median: 1.15, sigma_ln: 0.2 },
-        neutral: Some(20.0),
-        default: None,
-    }],
+    parameters: &[
+        Parameter {
+            key: "high_thrust_to_weight",
+            unit: "1",
+            meaning: "nominal thrust over weight r at which the throttle saturates",
+            min: 0.5,
+            max: 20.0,
+            prior: Prior::LogNormal { median: 1.15, sigma_ln: 0.2 },
+            neutral: Some(20.0),
+            default: None,
+        },
+        Parameter {
+            key: "low_thrust_to_weight",
+            unit: "1",
+            meaning: "nominal thrust over weight f below which the throttle does not go but to its end; 0 for none",
+            min: 0.0,
+            max: 20.0,
+            prior: Prior::LogNormal { median: 0.85, sigma_ln: 0.2 },
+            neutral: Some(0.0),
+            default: Some(0.0),
+        },
+    ],
     build,
 };
 
 fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let limit = rig.airframe.throttle_for(values[0] * rig.airframe.weight_n());
-    Box::new(ActuatorSaturation { limit })
+    let throttle_for = |ratio: f64| rig.airframe.throttle_for(ratio * rig.airframe.weight_n());
+    let low = if values[1] > 0.0 { throttle_for(values[1]) } else { f64::NEG_INFINITY };
+    Box::new(ActuatorSaturation { off: rig.airframe.sticks.min, low, high: throttle_for(values[0]) })
 }
 
 struct ActuatorSaturation {
-    limit: f64,
+    off: f64,
+    low: f64,
+    high: f64,
 }
 
 impl Effect for ActuatorSaturation {
     fn drive(&mut self, sticks: &mut Sticks) {
-        sticks.throttle = sticks.throttle.min(self.limit);
+        if sticks.throttle > self.off {
+            sticks.throttle = sticks.throttle.max(self.low).min(self.high);
+        }
     }
 }
 
@@ -57,5 +74,21 @@ mod tests {
             let ratio = airframe.thrust_n(sticks.throttle) / airframe.weight_n();
             assert!((ratio - given).abs() < 1e-12, "{asked} gave {ratio}");
         }
+    }
+
+    #[test]
+    fn throttle_does_not_go_below_a_floor_but_off() {
+        let airframe = rig().airframe;
+        let mut saturation = effect("actuator-saturation", &[20.0, 0.8]);
+        for (asked, given) in [(0.3, 0.8), (0.9, 0.9)] {
+            let throttle = airframe.throttle_for(asked * airframe.weight_n());
+            let mut sticks = Sticks { throttle, ..Sticks::default() };
+            saturation.drive(&mut sticks);
+            let ratio = airframe.thrust_n(sticks.throttle) / airframe.weight_n();
+            assert!((ratio - given).abs() < 1e-12, "{asked} gave {ratio}");
+        }
+        let mut sticks = Sticks { throttle: airframe.sticks.min, ..Sticks::default() };
+        saturation.drive(&mut sticks);
+        assert_eq!(sticks.throttle, airframe.sticks.min);
     }
 }

@@ -10,7 +10,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "descent-thrust-loss",
     stage: Stage::Airframe,
     summary: "thrust is lost in descent, in the rotors' own wake",
-    law: "T' = T (1 - fraction (1 - exp(-d^p)) exp(-q d)), d = max(0, -v_z)/speed",
+    law: "T' = T (1 - fraction (1 - exp(-d^p)) exp(-q d)), d = max(0, -v_z - onset)/speed",
     source: "Johnson, Model for Vortex Ring State Influence on Rotorcraft Flight Dynamics, NASA/TP-2005-213477, 2005; here its onset alone, as one smooth step in descent speed",
     parameters: &[
         Parameter {
@@ -26,7 +26,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         Parameter {
             key: "speed_m_s",
             unit: "m/s",
-            meaning: "descent speed at which 63 % of that is lost",
+            meaning: "descent speed, beyond the onset, at which 63 % of that is lost",
             min: 0.02,
             max: 50.0,
             prior: Prior::LogNormal { median: 0.8, sigma_ln: 0.7 },
@@ -53,6 +53,16 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             neutral: None,
             default: Some(0.0),
         },
+        Parameter {
+            key: "onset_m_s",
+            unit: "m/s",
+            meaning: "descent speed below which nothing is lost",
+            min: 0.0,
+            max: 20.0,
+            prior: Prior::Normal { mean: 0.0, sigma: 0.12 },
+            neutral: None,
+            default: Some(0.0),
+        },
     ],
     build,
 };
@@ -63,6 +73,7 @@ fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
         speed_m_s: values[1],
         exponent: values[2],
         recovery: values[3],
+        onset_m_s: values[4],
     })
 }
 
@@ -71,11 +82,12 @@ struct DescentThrustLoss {
     speed_m_s: f64,
     exponent: f64,
     recovery: f64,
+    onset_m_s: f64,
 }
 
 impl Effect for DescentThrustLoss {
     fn thrust(&self, air: &Air, thrust_n: &mut f64) {
-        let descent = (-air.velocity_m_s.z).max(0.0) / self.speed_m_s;
+        let descent = (-air.velocity_m_s.z - self.onset_m_s).max(0.0) / self.speed_m_s;
         if descent > 0.0 {
             let lost = self.fraction * -(-power(descent, self.exponent)).exp_m1();
             let still = if self.recovery == 0.0 { 1.0 } else { (-self.recovery * descent).exp() };
@@ -100,6 +112,18 @@ mod tests {
         assert_eq!(lost_at(0.0), 0.0);
         assert!((lost_at(-0.5) - 0.2 * (1.0 - (-1.0_f64).exp())).abs() < 1e-12);
         assert!((lost_at(-3.0) - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_may_be_lost_below_an_onset() {
+        let loss = effect("descent-thrust-loss", &[0.2, 0.5, 1.0, 0.0, 0.1]);
+        let lost_at = |speed_m_s| {
+            let mut thrust_n = 1.0;
+            loss.thrust(&air(1.0, speed_m_s), &mut thrust_n);
+            1.0 - thrust_n
+        };
+        assert_eq!(lost_at(-0.1), 0.0);
+        assert!((lost_at(-0.6) - 0.2 * (1.0 - (-1.0_f64).exp())).abs() < 1e-12);
     }
 
     #[test]

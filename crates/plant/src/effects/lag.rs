@@ -15,6 +15,8 @@ pub(super) fn mean_decay(x: f64) -> f64 {
 pub(super) struct Lag {
     time_constant_s: f64,
     state: f64,
+    /// The last step's length and what of a transient it lost, less one: steps of the same length follow each other.
+    last: (f64, f64),
 }
 
 /// What a lag still has to go, `x - target`, over one step.
@@ -26,7 +28,7 @@ pub(super) struct Transient {
 
 impl Lag {
     pub(super) fn new(time_constant_s: f64, state: f64) -> Self {
-        Self { time_constant_s, state }
+        Self { time_constant_s, state, last: (0.0, 0.0) }
     }
 
     /// Moves on by `dt_s` towards `target`.
@@ -38,7 +40,10 @@ impl Lag {
             return Transient { mean: 0.0, mean_square: 0.0 };
         }
         let ratio = dt_s / self.time_constant_s;
-        let lost = (-ratio).exp_m1();
+        if dt_s != self.last.0 {
+            self.last = (dt_s, (-ratio).exp_m1());
+        }
+        let (_, lost) = self.last;
         self.state = target + start * (1.0 + lost);
         Transient {
             mean: -start * lost / ratio,
