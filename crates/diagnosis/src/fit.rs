@@ -600,6 +600,11 @@ impl Descent {
         self.next().map_or(0.0, |(_, promise)| promise)
     }
 
+    /// Whether it led nowhere of late: its last step was no good, or the next does not promise so many nats.
+    pub(crate) fn stopped(&self, worth: f64) -> bool {
+        self.damping > FIRST_DAMPING || self.promise() < worth
+    }
+
     /// The next step of the coordinates, and what it and that of the noise promise, nats.
     fn next(&self) -> Option<(DVector<f64>, f64)> {
         let (hessian, gradient) = within_ranges(&self.free, &self.here);

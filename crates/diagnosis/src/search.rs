@@ -315,7 +315,7 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
             descent.go(problem, FIRST_PASSES, FIRST_WORTH);
             // A law with an edge may stop on its way there.
             for (_, start) in promise.others.into_iter().take(OTHERS_TRIED) {
-                if descent.objective() < base.objective + OVERSHOT_NATS {
+                if descent.objective() < base.objective + OVERSHOT_NATS || !descent.stopped(FIRST_WORTH) {
                     break;
                 }
                 let mut other = problem.descent(start, base.noise, base.point.effects.len());
