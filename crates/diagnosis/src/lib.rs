@@ -22,6 +22,7 @@ mod next_flight;
 mod pass;
 mod pulse;
 mod random;
+mod readback;
 mod region;
 mod search;
 mod settle;

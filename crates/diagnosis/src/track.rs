@@ -7,9 +7,10 @@ use bench_rig::{Bench, Rig};
 use thiserror::Error;
 
 use crate::{
-    direct::{MEDIAN_OF_NORMAL, median, readback_sigma},
+    direct::{MEDIAN_OF_NORMAL, median},
     frame_clock::FrameClock,
     law::known,
+    readback::readback_sigma,
 };
 
 /// The sticks' throttle from an instant on.

@@ -1,0 +1,490 @@
+//! The laws of a pin: what each holds of what it was told, by its readback.
+
+use bench_plant::effects::LIBRARY;
+use bench_rig::Rig;
+
+use crate::{
+    direct::{Direct, DirectEffect, Finding, LAW_COST, MEDIAN_OF_NORMAL, MOST_DIRECT, library, median},
+    track::{Pin, Track},
+};
+
+/// Squared residuals of a readback count at most so many sigma squared: a hypothesis wins by many samples, not by one.
+const CAP: f64 = 30.0;
+/// Share of its gain that a law of another form may leave unexplained.
+const FORM_SHARE: f64 = 0.3;
+/// Steps of its own that a law has which an output rounds again, as a fraction of the output's: from, to, how many are
+/// tried, and on how many readbacks.
+const FINEST: f64 = 0.2;
+const COARSEST: f64 = 3.0;
+const FINE_STEPS: u32 = 2_000;
+const FINE_PINS: usize = 500;
+/// Treads are found on so many readbacks, each costs so many nats, for its level and where it begins, and moves no pin by more
+/// than so many mean rises.
+const TREAD_PINS: usize = 1_500;
+const TREAD_COST: f64 = 6.0;
+const LONGEST_TREAD: f64 = 2.2;
+/// Where in a period a pin may have been read, in logs that do not say.
+const READ_AFTER: [f64; 6] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.95];
+/// Fewest flights whose scales are compared, and nats that each one's costs.
+const LEAST_FLIGHTS: usize = 3;
+const SCALE_COST: f64 = 1.0;
+/// Readbacks nearer than this to a scale tell it.
+const NEAR_SIGMAS: f64 = 4.0;
+/// Fewest neighbours under the same command that show the readback's noise.
+const LEAST_NEIGHBOURS: usize = 10;
+
+/// One sigma of the readback's noise: from what differs from the command where that is all noise, else from neighbours
+/// under the same command, else the rig's figure.
+pub fn readback_sigma(pins: &[Pin], rig: &Rig) -> f64 {
+    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
+    let least = 1e-5 * range;
+    let neighbours: Vec<f64> = pins
+        .windows(2)
+        .filter(|pair| pair[0].commanded == pair[1].commanded)
+        .map(|pair| (pair[1].readback - pair[0].readback).abs() / std::f64::consts::SQRT_2)
+        .collect();
+    let told = (rig.output.readback_noise_fraction * range).max(1e-4 * range);
+    let enough = neighbours.len() >= LEAST_NEIGHBOURS;
+    let still = if enough { median(neighbours).map_or(told, |m| m / MEDIAN_OF_NORMAL) } else { told };
+    let off = pins.iter().map(|pin| (pin.readback - pin.commanded).abs()).collect();
+    let all = median(off).map_or(told, |m| m / MEDIAN_OF_NORMAL);
+    // Most readbacks are as commanded: they are more than the neighbours, so the better estimate.
+    (if all < 1.5 * still { all } else { still }).max(least)
+}
+
+/// A law of the pins: what each holds, iteration by iteration of a flight.
+struct PinLaw {
+    effect: usize,
+    /// Half the squared residuals, capped, in sigmas.
+    excess: f64,
+    values: Vec<f64>,
+}
+
+/// What scales that differ between flights explain.
+struct Scales {
+    /// Half the squared residuals, capped, in sigmas.
+    excess: f64,
+    /// Gain over one scale, nats.
+    gain: f64,
+    /// Between the largest and the smallest.
+    spread: f64,
+}
+
+/// Half a squared residual in sigmas, capped.
+fn capped(off: f64, sigma: f64) -> f64 {
+    (0.5 * (off / sigma).powi(2)).min(CAP)
+}
+
+struct PinChannel<'a> {
+    rig: &'a Rig,
+    flights: Vec<&'a [Pin]>,
+    sigma: f64,
+    /// One step of the output.
+    step: f64,
+}
+
+impl PinChannel<'_> {
+    /// Excess of one flight under a law that says what a pin is told to hold, before rounding.
+    fn flight(&self, pins: &[Pin], law: &mut dyn FnMut(&Pin, bool) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for (i, pin) in pins.iter().enumerate() {
+            let told = law(pin, i == 0);
+            // Where a law bends the command, the step it then rounds to hangs on its numbers' last digits.
+            let (at, sigma) = if told == pin.asked {
+                (pin.commanded, self.sigma)
+            } else {
+                (told, self.sigma.hypot(self.step / 12_f64.sqrt()))
+            };
+            sum += capped(pin.readback - at, sigma) + (sigma / self.sigma).ln();
+        }
+        sum
+    }
+
+    fn all(&self, mut law: impl FnMut(&Pin, bool) -> f64) -> f64 {
+        self.flights.iter().map(|pins| self.flight(pins, &mut law)).sum()
+    }
+
+    /// The same under a law that says what a pin holds of what the output has rounded.
+    fn behind_the_output(&self, mut law: impl FnMut(&Pin, bool) -> f64) -> f64 {
+        let of_flight = |pins: &&[Pin]| -> f64 {
+            let off = |(i, pin): (usize, &Pin)| capped(pin.readback - law(pin, i == 0), self.sigma);
+            pins.iter().enumerate().map(off).sum()
+        };
+        self.flights.iter().map(of_flight).sum()
+    }
+
+    /// A level that the pin does not pass, upwards or downwards, softly or hard, its own in each flight as supplies fade.
+    fn saturation(&self) -> Option<PinLaw> {
+        let ends = [1.0, -1.0].into_iter().flat_map(|up| {
+            [0.0, 0.002, 0.005, 0.012].into_iter().map(move |softness| self.limit(up, softness))
+        });
+        ends.min_by(|a, b| a.excess.total_cmp(&b.excess))
+    }
+
+    /// The same in one direction, with one softness.
+    fn limit(&self, up: f64, softness: f64) -> PinLaw {
+        let a = &self.rig.airframe;
+        let (min, max) = (a.sticks.min, a.sticks.max);
+        let softness = softness * (max - min);
+        let ratio =
+            |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
+        let (mut excess, mut levels) = (0.0, Vec::new());
+        for pins in &self.flights {
+            // Of what was asked for, how far along the way from the other end of the range.
+            let along = |throttle: f64| if up > 0.0 { throttle - min } else { max - throttle };
+            let furthest = pins.iter().map(|pin| along(pin.asked)).fold(f64::MIN, f64::max);
+            let at = |level: f64| {
+                let beyond = |pin: &Pin| {
+                    let over = along(pin.asked) - level;
+                    if softness == 0.0 {
+                        over.max(0.0)
+                    } else if over < -8.0 * softness {
+                        0.0
+                    } else {
+                        softness * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
+                    }
+                };
+                // The stick at its lower end may stop the motors, floor or not.
+                let off = |pin: &Pin| {
+                    up < 0.0 && pin.asked <= min && 2.0 * (pin.readback - pin.asked) < beyond(pin)
+                };
+                let told = |pin: &Pin| if off(pin) { pin.asked } else { pin.asked - up * beyond(pin) };
+                (self.flight(pins, &mut |pin, _| told(pin)), level)
+            };
+            let step = 0.01 * furthest;
+            let coarse = (0..60).map(|i| at(furthest - step * f64::from(i)));
+            let near = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
+            let finer = near.into_iter().flat_map(|(_, level)| {
+                (-9..10).map(move |i| (level + 0.1 * step * f64::from(i)).min(furthest))
+            });
+            if let Some((value, level)) = finer.map(at).min_by(|a, b| a.0.total_cmp(&b.0)) {
+                excess += value;
+                if level < furthest {
+                    levels.push(if up > 0.0 { min + level } else { max - level });
+                }
+            }
+        }
+        let effect = library("actuator-saturation");
+        let told = median(levels).map(ratio);
+        let mut values: Vec<f64> = LIBRARY[effect].parameters.iter().filter_map(|p| p.neutral).collect();
+        let end = usize::from(up < 0.0);
+        let parameter = &LIBRARY[effect].parameters[end];
+        values[end] = told.map_or(values[end], |told| told.clamp(parameter.min, parameter.max));
+        PinLaw { effect, excess, values }
+    }
+
+    /// A scale of its own in each flight, as of a reference that drifts. `None` where flights are too few to differ.
+    fn scales(&self) -> Option<Scales> {
+        if self.flights.len() < LEAST_FLIGHTS {
+            return None;
+        }
+        let min = self.rig.airframe.sticks.min;
+        let scale = |pins: &[Pin]| {
+            let above = || pins.iter().filter(|pin| pin.commanded > min);
+            let rough = median(above().map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())?;
+            // A median needs half as many readbacks again for what least squares tell.
+            let near = above().filter(|pin| {
+                (pin.readback - min - rough * (pin.commanded - min)).abs() < NEAR_SIGMAS * self.sigma
+            });
+            let (xy, xx) = near.fold((0.0, 0.0), |(xy, xx), pin| {
+                let x = pin.commanded - min;
+                (xy + x * (pin.readback - min), xx + x * x)
+            });
+            Some(if xx > 0.0 { xy / xx } else { rough })
+        };
+        let excess = |pins: &[Pin], scale: f64| {
+            let sizes =
+                pins.iter().map(|pin| capped(pin.readback - min - scale * (pin.commanded - min), self.sigma));
+            sizes.sum::<f64>()
+        };
+        let shared = scale(&self.flights.concat())?;
+        let (mut gain, mut left, mut range) = (-LAW_COST, 0.0, (shared, shared));
+        for pins in &self.flights {
+            let own = scale(pins).unwrap_or(shared);
+            left += excess(pins, own);
+            gain += excess(pins, shared) - excess(pins, own) - SCALE_COST;
+            range = (range.0.min(own), range.1.max(own));
+        }
+        Some(Scales { excess: left, gain, spread: range.1 - range.0 })
+    }
+
+    /// Coarse steps from rest, rounded or cut.
+    fn quantisation(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let range = sticks.max - sticks.min;
+        let least = (1.2 * self.step / range).max(0.001);
+        (0..160)
+            .map(|i| least * (0.12_f64 / least).powf(f64::from(i) / 159.0) * range)
+            .flat_map(|step| [0.5, 0.0].map(|shift| (step, shift)))
+            .map(|(step, shift)| {
+                let law = |x: f64| sticks.min + step * ((x - sticks.min) / step + shift).floor();
+                (self.all(|pin, _| law(pin.asked)), step)
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(excess, step)| PinLaw {
+                effect: library("actuator-quantisation"),
+                excess,
+                values: vec![step / range],
+            })
+    }
+
+    /// Steps about as fine as the output's own, which rounds them again: what is told lies one of its steps off now and
+    /// then.
+    fn fine_quantisation(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let output = &self.rig.output;
+        let excess = |pins: &mut dyn Iterator<Item = &Pin>, step: f64| -> f64 {
+            pins.map(|pin| {
+                let told = sticks.min + step * ((pin.asked - sticks.min) / step).round();
+                capped(pin.readback - output.expected_on_the_pin(sticks, told), self.sigma)
+            })
+            .sum()
+        };
+        let pins = || self.flights.iter().flat_map(|pins| pins.iter());
+        let stride = pins().count().div_ceil(FINE_PINS);
+        (0..FINE_STEPS)
+            .map(|i| self.step * FINEST * (COARSEST / FINEST).powf(f64::from(i) / f64::from(FINE_STEPS - 1)))
+            .map(|step| (excess(&mut pins().step_by(stride), step), step))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, step)| PinLaw {
+                effect: library("actuator-quantisation"),
+                excess: excess(&mut pins(), step),
+                values: vec![step / (sticks.max - sticks.min)],
+            })
+    }
+
+    /// Treads of any length: what the pin holds is constant between some commands, found by dynamic programming over the
+    /// commands in their order (Bellman, *On the approximation of curves by line segments using dynamic programming*,
+    /// Communications of the ACM 4(6), 1961).
+    fn treads(&self) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let mut moved: Vec<&Pin> =
+            self.flights.iter().flat_map(|pins| pins.iter()).filter(|pin| pin.asked > sticks.min).collect();
+        moved.sort_by(|a, b| a.asked.total_cmp(&b.asked));
+        let stride = moved.len().div_ceil(TREAD_PINS).max(1);
+        let shown: Vec<&Pin> = moved.iter().copied().step_by(stride).collect();
+        let first = shown.first()?;
+        // Sums up to each pin, from the first readback: differences of squares must not be lost.
+        let mut sums = vec![(0.0, 0.0)];
+        for (i, pin) in shown.iter().enumerate() {
+            let off = (pin.readback - first.readback) / self.sigma;
+            sums.push((sums[i].0 + off, sums[i].1 + off * off));
+        }
+        let off = |from: usize, to: usize| {
+            let (sum, square) = (sums[to].0 - sums[from].0, sums[to].1 - sums[from].1);
+            0.5 * (square - sum * sum / (to - from) as f64)
+        };
+        // The least excess of all pins before one, and where the last tread before it begins.
+        let mut least: Vec<(f64, usize)> = vec![(0.0, 0)];
+        for to in 1..=shown.len() {
+            let best = (0..to)
+                .filter(|from| *from == 0 || shown[*from].asked > shown[*from - 1].asked)
+                .map(|from| (least[from].0 + off(from, to) + TREAD_COST, from))
+                .min_by(|a, b| a.0.total_cmp(&b.0))?;
+            least.push(best);
+        }
+        // From where on, and what the pin holds there.
+        let mut treads: Vec<(f64, f64)> = Vec::new();
+        let mut to = shown.len();
+        while to > 0 {
+            let from = least[to].1;
+            let level = shown[from..to].iter().map(|pin| pin.readback).sum::<f64>() / (to - from) as f64;
+            treads.push((shown[from].asked, level));
+            to = from;
+        }
+        treads.reverse();
+        let mut commands: Vec<f64> = moved.iter().map(|pin| pin.commanded).collect();
+        commands.dedup();
+        if treads.len() < 3 || treads.len() >= commands.len() {
+            return None;
+        }
+        let (_, lowest) = *treads.first()?;
+        let step = (treads.last()?.1 - lowest) / (treads.len() - 1) as f64;
+        let excess = self.all(|pin, _| {
+            if pin.asked <= sticks.min {
+                return pin.asked;
+            }
+            let above = treads.partition_point(|(from, _)| *from <= pin.asked);
+            let (_, level) = treads[above.saturating_sub(1)];
+            // A tread moves a pin by no more than its length, a limit does.
+            if (level - pin.asked).abs() < LONGEST_TREAD * step { level } else { pin.asked }
+        });
+        let excess = excess + TREAD_COST * treads.len() as f64;
+        Some(PinLaw {
+            effect: library("actuator-quantisation"),
+            excess,
+            values: vec![step / (sticks.max - sticks.min)],
+        })
+    }
+
+    /// Whether readbacks are answers, so that their times tell when they were taken.
+    fn answered(&self) -> bool {
+        self.flights.iter().any(|pins| pins.iter().any(|pin| pin.delay_s > 0.0))
+    }
+
+    /// The pin follows with a first-order lag, and is read on its way: when, where no answer tells, is tried.
+    fn lag(&self) -> Option<PinLaw> {
+        let excess = |time_constant_s: f64, read_s: f64| {
+            let left = |s: f64| (-s.max(0.0) / time_constant_s).exp();
+            // Where the pin was when it was told, what it was told, and when.
+            let (mut was, mut told, mut told_s) = (0.0, 0.0, 0.0);
+            self.behind_the_output(|pin, first| {
+                let now_s = pin.time_s - pin.delay_s;
+                was = if first { pin.asked } else { told + (was - told) * left(now_s - told_s) };
+                (told, told_s) = (pin.commanded, now_s);
+                told + (was - told) * left(pin.delay_s + read_s)
+            })
+        };
+        let read: &[f64] = if self.answered() { &[0.0] } else { &READ_AFTER };
+        read.iter()
+            .map(|share| share * self.rig.control_loop.period_s)
+            .flat_map(|read_s| {
+                (0..60).map(move |i| (0.003 * (0.5_f64 / 0.003).powf(f64::from(i) / 59.0), read_s))
+            })
+            .map(|(time_constant_s, read_s)| PinLaw {
+                effect: library("actuator-lag"),
+                excess: excess(time_constant_s, read_s),
+                values: vec![time_constant_s],
+            })
+            .min_by(|a, b| a.excess.total_cmp(&b.excess))
+    }
+
+    /// Play behind the output, of what it has rounded: less than one of its steps shows, too.
+    fn play(&self) -> Option<PinLaw> {
+        let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
+        let excess = |width: f64| {
+            let mut held = 0.0;
+            self.behind_the_output(|pin, first| {
+                if first {
+                    held = pin.commanded;
+                }
+                held = held.clamp(pin.commanded - 0.5 * width, pin.commanded + 0.5 * width);
+                held
+            })
+        };
+        (0..120)
+            .map(|i| 0.0005 * (0.15_f64 / 0.0005).powf(f64::from(i) / 119.0) * range)
+            .map(|width| PinLaw {
+                effect: library("actuator-backlash"),
+                excess: excess(width),
+                values: vec![width / range],
+            })
+            .min_by(|a, b| a.excess.total_cmp(&b.excess))
+    }
+
+    /// Play: the pin is dragged along, or sticks and jumps.
+    fn backlash(&self, jumps: bool) -> Option<PinLaw> {
+        let sticks = &self.rig.airframe.sticks;
+        let range = sticks.max - sticks.min;
+        let excess = |width: f64, creep: f64| {
+            let mut held = 0.0;
+            self.all(|pin, first| {
+                if first {
+                    held = pin.asked;
+                }
+                if !jumps {
+                    let dragged = held.clamp(pin.asked - 0.5 * width, pin.asked + 0.5 * width);
+                    held = dragged + creep * (pin.asked - dragged);
+                    return held;
+                }
+                // What sticks is where the output's own rounding put it.
+                if (pin.asked - held).abs() > 0.5 * width || pin.asked == sticks.min {
+                    held = pin.commanded;
+                    return pin.asked;
+                }
+                held
+            })
+        };
+        let creeps: &[f64] = if jumps { &[0.0] } else { &[0.0, 0.07, 0.14] };
+        let try_all = |widths: &mut dyn Iterator<Item = f64>| {
+            widths
+                .flat_map(|width| creeps.iter().map(move |creep| (width, *creep)))
+                .map(|(width, creep)| (excess(width, creep), width))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let coarse = (0..60).map(|i| 0.0015 * (0.15_f64 / 0.0015).powf(f64::from(i) / 59.0) * range);
+        let (_, about) = try_all(&mut { coarse })?;
+        // One jump missed is many residuals: the width must be right to a fraction of a step.
+        let fine = (-40..=40).map(|i| about * (1.0 + 0.002 * f64::from(i)));
+        let (excess, width) = try_all(&mut { fine })?;
+        Some(PinLaw { effect: library("actuator-backlash"), excess, values: vec![width / range] })
+    }
+}
+
+/// Reads all pins.
+pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
+    let flights: Vec<&[Pin]> = tracks.iter().map(|t| t.pins.as_slice()).filter(|p| p.len() > 10).collect();
+    if flights.is_empty() {
+        return;
+    }
+    let all: Vec<Pin> = flights.iter().flat_map(|pins| pins.iter().copied()).collect();
+    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
+    let step = rig.output.step(&rig.airframe.sticks);
+    let noise = readback_sigma(&all, rig);
+    // Steps in places of their own are as good as noise.
+    let sigma = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise };
+    let channel = PinChannel { rig, flights, sigma, step };
+    let ordinary = channel.all(|pin, _| pin.asked);
+    // The noise is itself estimated from these readbacks, the fewer the worse.
+    let readbacks = all.len() as f64;
+    let floor = (1.15 + 5.0 / readbacks.sqrt()) * 0.5 * readbacks + 10.0;
+    let scales = channel.scales().filter(|scales| scales.gain > 0.0 && scales.excess < floor);
+    if scales.is_none() && ordinary - floor < LAW_COST {
+        return;
+    }
+    let (lag, play) = (channel.lag(), channel.play());
+    // No law of the library changes a scale. Where that leaves but noise, none of those with many numbers is asked for more.
+    let gain = |law: &PinLaw| ordinary - law.excess - LAW_COST;
+    let plain = [&lag, &play].into_iter().flatten().map(gain).fold(0.0, f64::max);
+    if let Some(scales) = scales.filter(|scales| scales.gain > plain) {
+        out.findings.push(Finding {
+            channel: "readback",
+            text: format!(
+                "the scale of readback over command differs between flights by up to {:.2} %",
+                100.0 * scales.spread
+            ),
+        });
+        out.unexplained_pins = scales.gain.min(MOST_DIRECT);
+        return;
+    }
+    let mut laws: Vec<PinLaw> = [
+        channel.saturation(),
+        channel.quantisation(),
+        channel.fine_quantisation(),
+        channel.treads(),
+        lag,
+        play,
+        channel.backlash(false),
+        channel.backlash(true),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
+    let Some((leading, best)) = laws.first().map(|law| (law.effect, law.excess)) else { return };
+    out.lag_of_pins = (leading == library("actuator-lag") && !channel.answered()).then_some(leading);
+    out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
+    // They explain the same readbacks: what the best has over another counts in full.
+    let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);
+    for law in laws {
+        let gain = most - (law.excess - best);
+        if gain > 0.0 && out.effects.iter().all(|other| other.effect != law.effect) {
+            out.effects.push(DirectEffect {
+                effect: law.effect,
+                channel: "readback",
+                gain,
+                values: law.values,
+                relative_sigma: 0.05,
+            });
+        }
+    }
+    let off = all.iter().filter(|p| (p.readback - p.commanded).abs() > 4.0 * sigma).count();
+    out.findings.push(Finding {
+        channel: "readback",
+        text: format!(
+            "{off} of {} readbacks differ from the command by more than four sigma of their noise ({:.2} % of the range)",
+            all.len(),
+            100.0 * sigma / range
+        ),
+    });
+}
