@@ -17,6 +17,8 @@ pub struct Direct {
     pub effects: Vec<DirectEffect>,
     /// The lag of pins that were read on their way at a time that nobody knows: what they held is what it makes of the commands.
     pub lag_of_pins: Option<usize>,
+    /// Two effects that explain a readback together, each half of what they gain.
+    pub together: Option<[usize; 2]>,
     /// Log-likelihood that the pins' own stage leaves on the table: no law of the library explains the readback.
     pub unexplained_pins: f64,
     /// What was seen, for people.

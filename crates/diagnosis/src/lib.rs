@@ -10,6 +10,7 @@
 //! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
 
 mod calibration;
+mod chain;
 mod cycle;
 mod diagnose;
 mod direct;

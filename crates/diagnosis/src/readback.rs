@@ -4,6 +4,7 @@ use bench_plant::effects::LIBRARY;
 use bench_rig::Rig;
 
 use crate::{
+    chain::{Bend, chain},
     direct::{Direct, DirectEffect, Finding, LAW_COST, MEDIAN_OF_NORMAL, MOST_DIRECT, library, median},
     track::{Pin, Track},
 };
@@ -12,6 +13,8 @@ use crate::{
 const CAP: f64 = 30.0;
 /// Share of its gain that a law of another form may leave unexplained.
 const FORM_SHARE: f64 = 0.3;
+/// Share of the first's gain that a second law must gain, or what is left is the first's of another form.
+const SECOND_SHARE: f64 = 0.02;
 /// Steps of its own that a law has which an output rounds again, as a fraction of the output's: from, to, how many are
 /// tried, and on how many readbacks.
 const FINEST: f64 = 0.2;
@@ -75,17 +78,19 @@ fn capped(off: f64, sigma: f64) -> f64 {
     (0.5 * (off / sigma).powi(2)).min(CAP)
 }
 
-struct PinChannel<'a> {
-    rig: &'a Rig,
-    flights: Vec<&'a [Pin]>,
+/// The pins of all flights.
+pub struct PinChannel<'a> {
+    pub rig: &'a Rig,
+    pub flights: Vec<&'a [Pin]>,
+    /// One sigma of a readback.
     sigma: f64,
     /// One step of the output.
-    step: f64,
+    pub step: f64,
 }
 
 impl PinChannel<'_> {
     /// Excess of one flight under a law that says what a pin is told to hold, before rounding.
-    fn flight(&self, pins: &[Pin], law: &mut dyn FnMut(&Pin, bool) -> f64) -> f64 {
+    pub fn flight(&self, pins: &[Pin], law: &mut dyn FnMut(&Pin, bool) -> f64) -> f64 {
         let mut sum = 0.0;
         for (i, pin) in pins.iter().enumerate() {
             let told = law(pin, i == 0);
@@ -123,11 +128,8 @@ impl PinChannel<'_> {
 
     /// The same in one direction, with one softness.
     fn limit(&self, up: f64, softness: f64) -> PinLaw {
-        let a = &self.rig.airframe;
-        let (min, max) = (a.sticks.min, a.sticks.max);
+        let (min, max) = (self.rig.airframe.sticks.min, self.rig.airframe.sticks.max);
         let softness = softness * (max - min);
-        let ratio =
-            |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
         let (mut excess, mut levels) = (0.0, Vec::new());
         for pins in &self.flights {
             // Of what was asked for, how far along the way from the other end of the range.
@@ -164,13 +166,37 @@ impl PinChannel<'_> {
                 }
             }
         }
+        self.limited(up, median(levels), excess)
+    }
+
+    /// The law of a limit at a level, upwards or downwards.
+    fn limited(&self, up: f64, level: Option<f64>, excess: f64) -> PinLaw {
+        let a = &self.rig.airframe;
+        let ratio =
+            |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
         let effect = library("actuator-saturation");
-        let told = median(levels).map(ratio);
         let mut values: Vec<f64> = LIBRARY[effect].parameters.iter().filter_map(|p| p.neutral).collect();
         let end = usize::from(up < 0.0);
         let parameter = &LIBRARY[effect].parameters[end];
-        values[end] = told.map_or(values[end], |told| told.clamp(parameter.min, parameter.max));
+        values[end] = level.map_or(values[end], |level| ratio(level).clamp(parameter.min, parameter.max));
         PinLaw { effect, excess, values }
+    }
+
+    /// The library's law of one link of a chain.
+    fn link(&self, bend: Bend, excess: f64) -> PinLaw {
+        let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
+        let of_range =
+            |name: &str, size: f64| PinLaw { effect: library(name), excess, values: vec![size / range] };
+        match bend {
+            Bend::Steps(step) => of_range("actuator-quantisation", step),
+            Bend::Play(width) => of_range("actuator-backlash", width),
+            Bend::Limit(level) => self.limited(1.0, Some(level), excess),
+        }
+    }
+
+    /// All readbacks.
+    pub fn pins(&self) -> impl Iterator<Item = &Pin> {
+        self.flights.iter().flat_map(|pins| pins.iter())
     }
 
     /// A scale of its own in each flight, as of a reference that drifts. `None` where flights are too few to differ.
@@ -240,15 +266,14 @@ impl PinChannel<'_> {
             })
             .sum()
         };
-        let pins = || self.flights.iter().flat_map(|pins| pins.iter());
-        let stride = pins().count().div_ceil(FINE_PINS);
+        let stride = self.pins().count().div_ceil(FINE_PINS);
         (0..FINE_STEPS)
             .map(|i| self.step * FINEST * (COARSEST / FINEST).powf(f64::from(i) / f64::from(FINE_STEPS - 1)))
-            .map(|step| (excess(&mut pins().step_by(stride), step), step))
+            .map(|step| (excess(&mut self.pins().step_by(stride), step), step))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, step)| PinLaw {
                 effect: library("actuator-quantisation"),
-                excess: excess(&mut pins(), step),
+                excess: excess(&mut self.pins(), step),
                 values: vec![step / (sticks.max - sticks.min)],
             })
     }
@@ -258,8 +283,7 @@ impl PinChannel<'_> {
     /// Communications of the ACM 4(6), 1961).
     fn treads(&self) -> Option<PinLaw> {
         let sticks = &self.rig.airframe.sticks;
-        let mut moved: Vec<&Pin> =
-            self.flights.iter().flat_map(|pins| pins.iter()).filter(|pin| pin.asked > sticks.min).collect();
+        let mut moved: Vec<&Pin> = self.pins().filter(|pin| pin.asked > sticks.min).collect();
         moved.sort_by(|a, b| a.asked.total_cmp(&b.asked));
         let stride = moved.len().div_ceil(TREAD_PINS).max(1);
         let shown: Vec<&Pin> = moved.iter().copied().step_by(stride).collect();
@@ -461,13 +485,15 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     .flatten()
     .collect();
     laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
-    let Some((leading, best)) = laws.first().map(|law| (law.effect, law.excess)) else { return };
-    out.lag_of_pins = (leading == library("actuator-lag") && !channel.answered()).then_some(leading);
+    let Some((leading, alone)) = laws.first().map(|law| (law.effect, law.excess)) else { return };
+    let both = if alone > floor + LAW_COST { chain(&channel) } else { None };
+    let both = both.filter(|both| alone - both.excess > LAW_COST + SECOND_SHARE * (ordinary - alone));
+    let best = both.as_ref().map_or(alone, |both| both.excess);
+    if both.is_none() {
+        out.lag_of_pins = (leading == library("actuator-lag") && !channel.answered()).then_some(leading);
+    }
     out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
-    // They explain the same readbacks: what the best has over another counts in full.
-    let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);
-    for law in laws {
-        let gain = most - (law.excess - best);
+    let mut found = |law: PinLaw, gain: f64| {
         if gain > 0.0 && out.effects.iter().all(|other| other.effect != law.effect) {
             out.effects.push(DirectEffect {
                 effect: law.effect,
@@ -477,6 +503,20 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
                 relative_sigma: 0.05,
             });
         }
+    };
+    // They explain the same readbacks: what the best has over another counts in full.
+    let most = (ordinary - best - LAW_COST).min(MOST_DIRECT);
+    if let Some(both) = &both {
+        // Neither explains them alone.
+        let links = both.bends.map(|bend| channel.link(bend, best));
+        out.together = Some([links[0].effect, links[1].effect]);
+        for link in links {
+            found(link, 0.5 * most);
+        }
+    }
+    for law in laws {
+        let gain = most - (law.excess - best);
+        found(law, gain);
     }
     let off = all.iter().filter(|p| (p.readback - p.commanded).abs() > 4.0 * sigma).count();
     out.findings.push(Finding {

@@ -398,8 +398,11 @@ fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
         }
     }
     for (i, a) in direct.effects.iter().enumerate() {
-        for b in direct.effects[i + 1..].iter().filter(|b| b.channel != a.channel) {
-            add(0, &[a.effect, b.effect]);
+        for b in &direct.effects[i + 1..] {
+            let both = [a.effect, b.effect];
+            if b.channel != a.channel || direct.together.is_some_and(|together| same(&together, &both)) {
+                add(0, &both);
+            }
         }
     }
     all
