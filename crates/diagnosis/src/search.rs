@@ -269,7 +269,7 @@ const FOLLOWED_NATS: f64 = 60.0;
 const SINGLES_UNFOLDED: usize = 4;
 const SECONDS_UNFOLDED: usize = 1;
 /// where they are not behind the best by more than that, or than this share of what it gains.
-const FORM_SHARE: f64 = 0.3;
+const FORM_SHARE: f64 = 0.95;
 
 /// A start that is so many nats worse than what it stands on went too far along a straight line: it is halved so often.
 const OVERSHOT_NATS: f64 = 20.0;

@@ -134,6 +134,8 @@ fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
             0.0,
         ),
         ("updraft:speed_m_s=0.25,growth_per_m=1.2", "updraft", "growth_per_m", 1.2, 0.0),
+        // In its plainest form it explains far less than a ceiling does.
+        ("updraft:speed_m_s=0.7,growth_per_m=0.7", "updraft", "growth_per_m", 0.7, 0.0),
         (
             "inflow-damping:coefficient_s_per_m=0.15,time_constant_s=0.12",
             "inflow-damping",
