@@ -95,19 +95,15 @@ impl FrameClock {
 fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
     // The true period, from spans long enough for jitter not to matter; few of them hold a loss.
     let span = SPAN_FRAMES.min(arrived.len() - 1);
-    let periods = arrived
-        .iter()
-        .zip(&arrived[span..])
-        .map(|(first, last)| (last - first) / span as f64)
-        .filter(|period| (period - period_s).abs() < 0.02 * period_s);
-    let about_s = median(periods.collect()).unwrap_or(period_s);
+    let like = |about_s: f64, of: Vec<f64>| {
+        median(of.into_iter().filter(|period| (period - about_s).abs() < 0.02 * about_s).collect())
+            .unwrap_or(about_s)
+    };
+    let after = |frames: usize| arrived.iter().zip(&arrived[frames..]).map(|(first, last)| last - first);
+    let about_s = like(period_s, after(span).map(|took_s| took_s / span as f64).collect());
     // Finer from long ones, of as many periods as come nearest: over many frames a little would add up.
     let far = (arrived.len() / 2).max(span);
-    let finer = arrived.iter().zip(&arrived[far..]).map(|(first, last)| {
-        let took_s = last - first;
-        took_s / (took_s / about_s).round().max(1.0)
-    });
-    let period_s = median(finer.collect()).unwrap_or(about_s);
+    let period_s = like(about_s, after(far).map(|took_s| took_s / (took_s / about_s).round()).collect());
     let periods_from = |start_s: f64, arrival: f64| (arrival - start_s) / period_s;
     // The first frame may have waited more than others: what it waited beyond one in ten of the next is none of theirs.
     let mut beyond: Vec<f64> = arrived[..=span]
