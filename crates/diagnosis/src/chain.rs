@@ -2,7 +2,11 @@
 
 use rayon::prelude::*;
 
-use crate::{readback::PinChannel, track::Pin};
+use crate::{
+    direct::evenly_in_log,
+    readback::{PinChannel, dragged},
+    track::Pin,
+};
 
 /// What a pin does with what it is told.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,19 +46,19 @@ const SPAN_STEPS: i32 = 15;
 pub fn chain(channel: &PinChannel<'_>) -> Option<Chain> {
     let sizes = sizes(channel);
     let orders = (0..sizes.len()).flat_map(|a| (0..sizes.len()).map(move |b| (a, b)));
-    let (few, many) = (some(channel, ROUGH_PINS), some(channel, FINE_PINS));
+    let (few, many) = (channel.some(ROUGH_PINS), channel.some(FINE_PINS));
     orders
         .filter(|(a, b)| a != b)
         .filter_map(|(a, b)| {
             let pairs: Vec<[Bend; 2]> =
                 sizes[a].iter().flat_map(|a| sizes[b].iter().map(|b| [*a, *b])).collect();
             let mut rough: Vec<(f64, [Bend; 2])> =
-                pairs.into_par_iter().map(|bends| (off(channel, &few, bends), bends)).collect();
+                pairs.into_par_iter().map(|bends| (off(&few, bends), bends)).collect();
             rough.sort_by(|a, b| a.0.total_cmp(&b.0));
             rough.truncate(REFINED);
-            let fine = rough.into_par_iter().map(|(_, bends)| refined(channel, &many, bends));
+            let fine = rough.into_par_iter().map(|(_, bends)| refined(&many, bends));
             let (_, bends) = fine.min_by(|a, b| a.0.total_cmp(&b.0))?;
-            Some(Chain { bends, excess: excess(channel, &channel.flights, bends) })
+            Some(Chain { bends, excess: excess(channel, bends) })
         })
         .min_by(|a, b| a.excess.total_cmp(&b.excess))
 }
@@ -62,33 +66,24 @@ pub fn chain(channel: &PinChannel<'_>) -> Option<Chain> {
 /// Sizes to begin with, law by law.
 fn sizes(channel: &PinChannel<'_>) -> [Vec<Bend>; 3] {
     let (min, max) = (channel.rig.airframe.sticks.min, channel.rig.airframe.sticks.max);
-    let range = max - min;
-    let even = |from: f64, to: f64, n: u32| {
-        (0..n).map(move |i| range * from * (to / from).powf(f64::from(i) / f64::from(n - 1)))
-    };
     let highest = channel.pins().map(|pin| pin.asked).fold(min, f64::max);
     [
-        even((1.2 * channel.step / range).max(0.001), 0.12, 160).map(Bend::Steps).collect(),
-        even(0.0015, 0.15, 40).map(Bend::Play).collect(),
+        channel.coarse_steps().map(Bend::Steps).collect(),
+        evenly_in_log(0.0015, 0.15, 40).map(|fraction| Bend::Play(fraction * (max - min))).collect(),
         (1..60).map(|i| Bend::Limit(highest - 0.01 * f64::from(i) * (highest - min))).collect(),
     ]
 }
 
-/// Flights from all over the set with so many readbacks together, one at least.
-fn some<'a>(channel: &PinChannel<'a>, most: usize) -> Vec<&'a [Pin]> {
-    let stride = channel.pins().count().div_ceil(most).clamp(1, channel.flights.len());
-    channel.flights.iter().copied().step_by(stride).collect()
-}
-
 /// What a chain makes of what was asked for, readback by readback of a flight.
-fn held(bends: [Bend; 2], rest: f64) -> impl FnMut(&Pin, bool) -> f64 {
+fn held(channel: &PinChannel<'_>, bends: [Bend; 2]) -> impl FnMut(&Pin, bool) -> f64 + use<> {
+    let rest = channel.rig.airframe.sticks.min;
     let mut places = [0.0; 2];
     move |pin, first| {
         bends.iter().zip(&mut places).fold(pin.asked, |told, (bend, place)| {
             *place = match *bend {
                 Bend::Steps(step) => rest + step * ((told - rest) / step).round(),
                 Bend::Play(_) if first => told,
-                Bend::Play(width) => place.clamp(told - 0.5 * width, told + 0.5 * width),
+                Bend::Play(width) => dragged(*place, told, width),
                 Bend::Limit(level) => told.min(level),
             };
             *place
@@ -96,27 +91,26 @@ fn held(bends: [Bend; 2], rest: f64) -> impl FnMut(&Pin, bool) -> f64 {
     }
 }
 
-fn excess(channel: &PinChannel<'_>, flights: &[&[Pin]], bends: [Bend; 2]) -> f64 {
-    let mut law = held(bends, channel.rig.airframe.sticks.min);
-    flights.iter().map(|pins| channel.flight(pins, &mut law)).sum()
+fn excess(channel: &PinChannel<'_>, bends: [Bend; 2]) -> f64 {
+    channel.all(held(channel, bends))
 }
 
 /// Sum of distances from the readbacks: unlike the excess, it tells near from far where nearly all are off.
-fn off(channel: &PinChannel<'_>, flights: &[&[Pin]], bends: [Bend; 2]) -> f64 {
-    let mut law = held(bends, channel.rig.airframe.sticks.min);
+fn off(channel: &PinChannel<'_>, bends: [Bend; 2]) -> f64 {
+    let mut law = held(channel, bends);
     let one = |(i, pin): (usize, &Pin)| (pin.readback - law(pin, i == 0)).abs();
-    flights.iter().flat_map(|pins| pins.iter().enumerate()).map(one).sum()
+    channel.flights.iter().flat_map(|pins| pins.iter().enumerate()).map(one).sum()
 }
 
-fn refined(channel: &PinChannel<'_>, flights: &[&[Pin]], mut bends: [Bend; 2]) -> (f64, [Bend; 2]) {
-    let mut best = excess(channel, flights, bends);
+fn refined(channel: &PinChannel<'_>, mut bends: [Bend; 2]) -> (f64, [Bend; 2]) {
+    let mut best = excess(channel, bends);
     for span in SPANS {
         for i in 0..bends.len() {
             let about = bends;
             for k in -SPAN_STEPS..=SPAN_STEPS {
                 let mut tried = about;
                 *tried[i].size() *= 1.0 + span * f64::from(k) / f64::from(SPAN_STEPS);
-                let left = excess(channel, flights, tried);
+                let left = excess(channel, tried);
                 if left < best {
                     (best, bends) = (left, tried);
                 }

@@ -84,6 +84,11 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
+/// So many values from one to another, even in the logarithm; `n` is two at least, both ends positive.
+pub(crate) fn evenly_in_log(from: f64, to: f64, n: usize) -> impl Iterator<Item = f64> {
+    (0..n).map(move |i| from * (to / from).powf(i as f64 / (n - 1) as f64))
+}
+
 /// A channel's likelihood is not exact: so many nats are as good as certain.
 pub(crate) const MOST_DIRECT: f64 = 60.0;
 

@@ -5,7 +5,10 @@ use bench_rig::Rig;
 
 use crate::{
     chain::{Bend, chain},
-    direct::{Direct, DirectEffect, Finding, LAW_COST, MEDIAN_OF_NORMAL, MOST_DIRECT, library, median},
+    direct::{
+        Direct, DirectEffect, Finding, LAW_COST, MEDIAN_OF_NORMAL, MOST_DIRECT, evenly_in_log, library,
+        median,
+    },
     track::{Pin, Track},
 };
 
@@ -19,7 +22,7 @@ const SECOND_SHARE: f64 = 0.02;
 /// tried, and on how many readbacks.
 const FINEST: f64 = 0.2;
 const COARSEST: f64 = 3.0;
-const FINE_STEPS: u32 = 2_000;
+const FINE_STEPS: usize = 2_000;
 const FINE_PINS: usize = 500;
 /// Treads are found on so many readbacks, each costs so many nats, for its level and where it begins, and moves no pin by more
 /// than so many mean rises.
@@ -78,6 +81,11 @@ fn capped(off: f64, sigma: f64) -> f64 {
     (0.5 * (off / sigma).powi(2)).min(CAP)
 }
 
+/// Where a pin with play of such a width is that was at `held` before.
+pub fn dragged(held: f64, told: f64, width: f64) -> f64 {
+    held.clamp(told - 0.5 * width, told + 0.5 * width)
+}
+
 /// The pins of all flights.
 pub struct PinChannel<'a> {
     pub rig: &'a Rig,
@@ -85,12 +93,18 @@ pub struct PinChannel<'a> {
     /// One sigma of a readback.
     sigma: f64,
     /// One step of the output.
-    pub step: f64,
+    step: f64,
 }
 
 impl PinChannel<'_> {
+    /// Flights from all over the set with so many readbacks together, one at least.
+    pub fn some(&self, most: usize) -> Self {
+        let stride = self.pins().count().div_ceil(most).clamp(1, self.flights.len());
+        Self { flights: self.flights.iter().copied().step_by(stride).collect(), ..*self }
+    }
+
     /// Excess of one flight under a law that says what a pin is told to hold, before rounding.
-    pub fn flight(&self, pins: &[Pin], law: &mut dyn FnMut(&Pin, bool) -> f64) -> f64 {
+    fn flight(&self, pins: &[Pin], law: &mut dyn FnMut(&Pin, bool) -> f64) -> f64 {
         let mut sum = 0.0;
         for (i, pin) in pins.iter().enumerate() {
             let told = law(pin, i == 0);
@@ -105,7 +119,8 @@ impl PinChannel<'_> {
         sum
     }
 
-    fn all(&self, mut law: impl FnMut(&Pin, bool) -> f64) -> f64 {
+    /// The same of all flights.
+    pub fn all(&self, mut law: impl FnMut(&Pin, bool) -> f64) -> f64 {
         self.flights.iter().map(|pins| self.flight(pins, &mut law)).sum()
     }
 
@@ -234,13 +249,17 @@ impl PinChannel<'_> {
         Some(Scales { excess: left, gain, spread: range.1 - range.0 })
     }
 
+    /// Steps that are tried, coarser than the output's own.
+    pub fn coarse_steps(&self) -> impl Iterator<Item = f64> {
+        let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
+        evenly_in_log((1.2 * self.step / range).max(0.001), 0.12, 160).map(move |step| step * range)
+    }
+
     /// Coarse steps from rest, rounded or cut.
     fn quantisation(&self) -> Option<PinLaw> {
         let sticks = &self.rig.airframe.sticks;
         let range = sticks.max - sticks.min;
-        let least = (1.2 * self.step / range).max(0.001);
-        (0..160)
-            .map(|i| least * (0.12_f64 / least).powf(f64::from(i) / 159.0) * range)
+        self.coarse_steps()
             .flat_map(|step| [0.5, 0.0].map(|shift| (step, shift)))
             .map(|(step, shift)| {
                 let law = |x: f64| sticks.min + step * ((x - sticks.min) / step + shift).floor();
@@ -267,8 +286,7 @@ impl PinChannel<'_> {
             .sum()
         };
         let stride = self.pins().count().div_ceil(FINE_PINS);
-        (0..FINE_STEPS)
-            .map(|i| self.step * FINEST * (COARSEST / FINEST).powf(f64::from(i) / f64::from(FINE_STEPS - 1)))
+        evenly_in_log(self.step * FINEST, self.step * COARSEST, FINE_STEPS)
             .map(|step| (excess(&mut self.pins().step_by(stride), step), step))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, step)| PinLaw {
@@ -363,7 +381,7 @@ impl PinChannel<'_> {
         read.iter()
             .map(|share| share * self.rig.control_loop.period_s)
             .flat_map(|read_s| {
-                (0..60).map(move |i| (0.003 * (0.5_f64 / 0.003).powf(f64::from(i) / 59.0), read_s))
+                evenly_in_log(0.003, 0.5, 60).map(move |time_constant_s| (time_constant_s, read_s))
             })
             .map(|(time_constant_s, read_s)| PinLaw {
                 effect: library("actuator-lag"),
@@ -382,12 +400,12 @@ impl PinChannel<'_> {
                 if first {
                     held = pin.commanded;
                 }
-                held = held.clamp(pin.commanded - 0.5 * width, pin.commanded + 0.5 * width);
+                held = dragged(held, pin.commanded, width);
                 held
             })
         };
-        (0..120)
-            .map(|i| 0.0005 * (0.15_f64 / 0.0005).powf(f64::from(i) / 119.0) * range)
+        evenly_in_log(0.0005, 0.15, 120)
+            .map(|fraction| fraction * range)
             .map(|width| PinLaw {
                 effect: library("actuator-backlash"),
                 excess: excess(width),
@@ -407,7 +425,7 @@ impl PinChannel<'_> {
                     held = pin.asked;
                 }
                 if !jumps {
-                    let dragged = held.clamp(pin.asked - 0.5 * width, pin.asked + 0.5 * width);
+                    let dragged = dragged(held, pin.asked, width);
                     held = dragged + creep * (pin.asked - dragged);
                     return held;
                 }
@@ -426,7 +444,7 @@ impl PinChannel<'_> {
                 .map(|(width, creep)| (excess(width, creep), width))
                 .min_by(|a, b| a.0.total_cmp(&b.0))
         };
-        let coarse = (0..60).map(|i| 0.0015 * (0.15_f64 / 0.0015).powf(f64::from(i) / 59.0) * range);
+        let coarse = evenly_in_log(0.0015, 0.15, 60).map(|fraction| fraction * range);
         let (_, about) = try_all(&mut { coarse })?;
         // One jump missed is many residuals: the width must be right to a fraction of a step.
         let fine = (-40..=40).map(|i| about * (1.0 + 0.002 * f64::from(i)));

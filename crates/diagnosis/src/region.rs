@@ -8,6 +8,7 @@ use bench_plant::effects::LIBRARY;
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
 use crate::{
+    direct::evenly_in_log,
     fit::{Fit, Problem, directions, project},
     pass::{Axis, Direction, Hat, Innovation, Pass, Seen, run},
 };
@@ -229,9 +230,8 @@ pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
     let plain = run(problem.tracks, problem.rig, &fit.point, &noise, &[]);
     let (mut tried, tones) = tones(&plain);
     let (low, high, n) = WAVES_HZ;
-    let coarse = (0..n).map(|i| low * (high / low).powf(i as f64 / (n - 1) as f64));
     tried += n;
-    let mut hz: Vec<f64> = coarse.chain(tones).collect();
+    let mut hz: Vec<f64> = evenly_in_log(low, high, n).chain(tones).collect();
     hz.sort_by(f64::total_cmp);
     let directions: Vec<_> = hz
         .iter()
