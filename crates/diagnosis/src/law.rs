@@ -94,8 +94,10 @@ impl Reach {
         match at {
             Coordinate::Nuisance(LATENCY | BIAS) => Self::Sight,
             Coordinate::Nuisance(GAIN | OFFSET) => Self::Throttle,
-            // The throttle that hovers is kept.
-            Coordinate::Nuisance(MASS) if rig.airframe.thrust.hover_sigma.is_some() => Self::Throttle,
+            // The throttle that hovers is kept; effects of propulsion reckon in weights.
+            Coordinate::Nuisance(MASS) if rig.airframe.thrust.hover_sigma.is_some() || point.propels() => {
+                Self::Throttle
+            }
             Coordinate::Nuisance(_) => Self::Force,
             Coordinate::Effect { slot, .. } => Self::of_effect(point.effects[slot].0),
         }
@@ -139,6 +141,10 @@ impl Point {
     /// All effects that act: the rig's own, then the hypothesis'.
     pub fn acting(&self) -> impl Iterator<Item = &(usize, Vec<f64>)> {
         self.known.iter().chain(&self.effects)
+    }
+
+    fn propels(&self) -> bool {
+        self.acting().any(|(effect, _)| LIBRARY[*effect].stage == Stage::Propulsion)
     }
 
     /// Library indices of the hypothesis' effects.
@@ -235,9 +241,13 @@ impl Law {
         airframe.ground_effect.height_m.value = n[4];
         airframe.drag_n_s_per_m.value = n[5];
         let nominal = Nominal::new(&airframe);
+        // How strong wind pushes is told by flights, how much drag it pushes against hardly: its speed is that for the rig's drag.
+        airframe.drag_n_s_per_m = rig.airframe.drag_n_s_per_m;
         let mut effects = Effects::default();
         for (index, values) in point.acting().filter(|(index, _)| !is_random(*index)) {
-            effects.add(*index, values, rig, 0);
+            // What pins do was read with the rig's own numbers.
+            let pins = LIBRARY[*index].stage == Stage::Actuator;
+            effects.add(*index, values, if pins { &rig.airframe } else { &airframe }, 0);
         }
         let mut mass_kg = nominal.mass_kg;
         for effect in &effects.air {
@@ -397,6 +407,36 @@ mod tests {
                     let reach = Reach::of(at, &point, &rig);
                     assert_eq!(worst(&point, &moved, reach, &rig), 0.0, "{} {at:?}", LIBRARY[effect].name);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn effects_act_on_the_airframe_as_it_is_thought_to_be() {
+        let rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+        let mut real = rig.clone();
+        let a = &mut real.airframe;
+        a.mass_kg.value *= 1.02;
+        a.thrust.gain_n_per_unit.value *= 0.97;
+        a.thrust.offset.value *= 1.03;
+        a.ground_effect.multiplier.value -= 0.06;
+        a.ground_effect.height_m.value *= 1.1;
+        for effect in (0..LIBRARY.len()).filter(|effect| !is_random(*effect)) {
+            let values: Vec<f64> =
+                LIBRARY[effect].parameters.iter().map(|p| p.default.unwrap_or(p.prior.typical())).collect();
+            let with = |rig: &Rig| Point { effects: vec![(effect, values.clone())], ..Point::nominal(rig).0 };
+            let thought = Point { nuisances: with(&real).nuisances, ..with(&rig) };
+            let (mut fitted, mut flown) = (Law::new(&thought, &rig), Law::new(&with(&real), &real));
+            for k in 0..500 {
+                let t_s = 0.02 * f64::from(k);
+                let (z, v) = (0.03 - 0.03 * (4.0 * t_s).cos(), 0.12 * (4.0 * t_s).sin());
+                for law in [&mut fitted, &mut flown] {
+                    // Below where any typical saturation acts, for pins do as the rig says.
+                    law.hold(0.02, 1.7 + 0.1 * (2.0 * t_s).sin());
+                    law.advance(0.02, z, v);
+                }
+                let aside = fitted.acceleration_m_s2(z, v) - flown.acceleration_m_s2(z, v);
+                assert!(aside.abs() < 1e-9, "{}: {aside} m/s^2 at {t_s} s", LIBRARY[effect].name);
             }
         }
     }

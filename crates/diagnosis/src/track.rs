@@ -319,7 +319,7 @@ impl Drive {
     fn new(rig: &Rig) -> Self {
         let mut effects = Effects::default();
         for (effect, values) in known(rig).iter() {
-            effects.add(*effect, values, rig, 0);
+            effects.add(*effect, values, &rig.airframe, 0);
         }
         Self(effects)
     }

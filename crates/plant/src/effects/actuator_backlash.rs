@@ -1,7 +1,7 @@
 //! Play between what is commanded and what the output does.
 
 use bench_device::Sticks;
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
@@ -25,8 +25,8 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    let range = airframe.sticks.max - airframe.sticks.min;
     Box::new(ActuatorBacklash { half_width: 0.5 * values[0] * range, held: None })
 }
 

@@ -1,7 +1,7 @@
 //! Between the output's pin and the motors' command: input filter, hand controller, radio.
 
 use bench_device::Sticks;
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{
     Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
@@ -31,7 +31,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(ActuatorLag { time_constant_s: values[0], second_order: values[1], lags: None })
 }
 

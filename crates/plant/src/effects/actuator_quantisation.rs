@@ -1,7 +1,7 @@
 //! The output has coarser steps than the rig says.
 
 use bench_device::Sticks;
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
@@ -25,8 +25,8 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let sticks = &rig.airframe.sticks;
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    let sticks = &airframe.sticks;
     Box::new(ActuatorQuantisation {
         step: values[0] * (sticks.max - sticks.min),
         // A hand controller takes its sticks' places at switch-on for rest.

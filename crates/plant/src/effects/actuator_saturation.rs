@@ -1,7 +1,7 @@
 //! The output cannot give all of the range that the rig promises.
 
 use bench_device::Sticks;
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
@@ -37,10 +37,10 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let throttle_for = |ratio: f64| rig.airframe.throttle_for(ratio * rig.airframe.weight_n());
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    let throttle_for = |ratio: f64| airframe.throttle_for(ratio * airframe.weight_n());
     let low = if values[1] > 0.0 { throttle_for(values[1]) } else { f64::NEG_INFINITY };
-    Box::new(ActuatorSaturation { off: rig.airframe.sticks.min, low, high: throttle_for(values[0]) })
+    Box::new(ActuatorSaturation { off: airframe.sticks.min, low, high: throttle_for(values[0]) })
 }
 
 struct ActuatorSaturation {

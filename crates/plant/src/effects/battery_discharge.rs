@@ -1,6 +1,6 @@
 //! Thrust fades as the battery empties.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::mean_decay};
 
@@ -36,11 +36,11 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let loss_per_newton_second = values[0] / (60.0 * rig.airframe.weight_n());
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    let loss_per_newton_second = values[0] / (60.0 * airframe.weight_n());
     Box::new(BatteryDischarge {
         loss_per_newton_second,
-        bend_per_newton_second: values[1] / (60.0 * rig.airframe.weight_n()),
+        bend_per_newton_second: values[1] / (60.0 * airframe.weight_n()),
         drawn_newton_s: 0.0,
         kept: 1.0,
     })

@@ -1,6 +1,6 @@
 //! The battery's voltage sags under load and recovers.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::Lag};
 
@@ -46,10 +46,10 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(BatteryLoad {
         sag: values[0],
-        weight_n: rig.airframe.weight_n(),
+        weight_n: airframe.weight_n(),
         load: Lag::new(values[1], 0.0),
         prompt_share: values[2],
     })

@@ -1,6 +1,6 @@
 //! A ceiling, or a lid over the test volume, draws the rotors up.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
 use crate::nominal::Air;
@@ -57,7 +57,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(CeilingEffect { gain: values[0], ceiling_m: values[1], decay_m: values[2], exponent: values[3] })
 }
 

@@ -1,6 +1,6 @@
 //! Descending, rotors sink into their own wake: the way into the vortex ring state.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
 use crate::nominal::Air;
@@ -67,7 +67,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(DescentThrustLoss {
         fraction: values[0],
         speed_m_s: values[1],

@@ -1,6 +1,6 @@
 //! The cushion of air takes time to build up and to leave.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::mean_decay};
 use crate::nominal::{Air, Nominal};
@@ -47,7 +47,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     let [time_constant_s, fade_ratio, second_share] = [values[0], values[1], values[2]];
     // Two lags in series are the weighted difference of two alone (partial fractions).
     let cushion = |share: f64, weight: f64| Cushion {
@@ -61,7 +61,7 @@ fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
         cushions.push(cushion(second_share, -beyond));
     }
     Box::new(GroundEffectDynamic {
-        nominal: Nominal::new(&rig.airframe),
+        nominal: Nominal::new(airframe),
         cushions,
         previous: None,
         path_mean: 0.0,

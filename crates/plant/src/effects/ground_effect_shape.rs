@@ -1,6 +1,6 @@
 //! The ground effect reaches further, or fades without an edge.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 use crate::nominal::{Air, Nominal};
@@ -47,11 +47,11 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let nominal = Nominal::new(&rig.airframe);
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    let nominal = Nominal::new(airframe);
     let [stretch, exponent, share] = [values[0], values[1], values[2]];
     Box::new(GroundEffectShape {
-        fall_per_m: (rig.airframe.ground_effect.height_m.value * stretch * exponent).recip(),
+        fall_per_m: (airframe.ground_effect.height_m.value * stretch * exponent).recip(),
         exponent,
         share,
         nominal,

@@ -1,6 +1,6 @@
 //! The air moves at random.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -39,12 +39,12 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, mut rng: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], airframe: &Airframe, mut rng: EffectRng) -> Box<dyn Effect> {
     let (sigma_m_s, correlation_time_s) = (values[0], values[1]);
     Box::new(Gusts {
         sigma_m_s,
         correlation_time_s,
-        drag_n_s_per_m: rig.airframe.drag_n_s_per_m.value,
+        drag_n_s_per_m: airframe.drag_n_s_per_m.value,
         wind_m_s: normal(&mut rng) * sigma_m_s,
         mean_wind_m_s: Vector3::zeros(),
         rng,

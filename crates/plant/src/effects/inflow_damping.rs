@@ -1,6 +1,6 @@
 //! Climbing, blades meet the air at a smaller angle; descending, at a larger one.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::Lag};
 use crate::nominal::Air;
@@ -37,8 +37,8 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    let weight_n = rig.airframe.weight_n();
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    let weight_n = airframe.weight_n();
     Box::new(InflowDamping {
         damping_n_s_per_m: values[0] * weight_n,
         weight_n,

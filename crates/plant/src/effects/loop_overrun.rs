@@ -1,6 +1,6 @@
 //! The control computer is late now and then: soft real time.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use rand::RngExt;
 use rand_distr::{Distribution, Exp1};
 
@@ -38,7 +38,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, rng: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, rng: EffectRng) -> Box<dyn Effect> {
     Box::new(LoopOverrun { probability: values[0], mean_s: values[1], rng })
 }
 

@@ -1,6 +1,6 @@
 //! Something was added to or taken off the airframe.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
@@ -24,7 +24,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(MassChange { ratio: 1.0 + values[0] })
 }
 

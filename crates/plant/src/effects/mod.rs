@@ -38,7 +38,7 @@ mod tracker_scale;
 mod updraft;
 
 use bench_device::Sticks;
-use bench_rig::Rig;
+use bench_rig::{Airframe, Rig};
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -151,18 +151,18 @@ impl Effects {
     pub fn from_rig(rig: &Rig, seed: u64) -> Result<Self, EffectError> {
         let mut effects = Self::default();
         for (library_index, values) in spec::resolve_all(&rig.effects)? {
-            effects.add(library_index, &values, rig, seed);
+            effects.add(library_index, &values, &rig.airframe, seed);
         }
         Ok(effects)
     }
 
     /// Adds an effect of the library, to act after those of its stage that are there already. `values` are in the order
-    /// of its spec's parameters and within their ranges.
-    pub fn add(&mut self, library_index: usize, values: &[f64], rig: &Rig, seed: u64) {
+    /// of its spec's parameters and within their ranges, and act on this airframe.
+    pub fn add(&mut self, library_index: usize, values: &[f64], airframe: &Airframe, seed: u64) {
         let spec = LIBRARY[library_index];
         let mut rng = EffectRng::seed_from_u64(seed);
         rng.set_stream(stream(spec.name));
-        let effect = (spec.build)(values, rig, rng);
+        let effect = (spec.build)(values, airframe, rng);
         match spec.stage {
             Stage::Tracker => self.tracker.push(effect),
             Stage::Loop => self.timing.push(effect),
@@ -207,7 +207,7 @@ mod testing {
         let spec = LIBRARY.iter().find(|spec| spec.name == name).expect("the effect is in the library");
         let mut values = values.to_vec();
         values.extend(spec.parameters[values.len()..].iter().map(|p| p.default.expect("it is given")));
-        (spec.build)(&values, &rig(), EffectRng::seed_from_u64(1))
+        (spec.build)(&values, &rig().airframe, EffectRng::seed_from_u64(1))
     }
 
     /// A level airframe that moves up.

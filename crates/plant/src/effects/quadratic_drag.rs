@@ -1,6 +1,6 @@
 //! Pressure drag, which the nominal linear drag lacks.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use nalgebra::Vector3;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
@@ -38,7 +38,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(QuadraticDrag { coefficient: values[0], exponent: values[1] })
 }
 

@@ -1,6 +1,6 @@
 //! Rotors take time to change speed.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{
     Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
@@ -40,7 +40,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     let [time_constant_s, fall_ratio, second_order] = [values[0], values[1], values[2]];
     Box::new(RotorLag {
         root_thrust: TwoLags::new(time_constant_s, second_order, 0.0),

@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use bench_rig::{EffectEntry, Location, Rig};
+use bench_rig::{Airframe, EffectEntry, Location};
 use thiserror::Error;
 
 use super::{Effect, EffectRng, LIBRARY};
@@ -103,7 +103,7 @@ pub struct EffectSpec {
     /// Its numbers.
     pub parameters: &'static [Parameter],
     /// Makes one from values in the order of `parameters`.
-    pub build: fn(&[f64], &Rig, EffectRng) -> Box<dyn Effect>,
+    pub build: fn(&[f64], &Airframe, EffectRng) -> Box<dyn Effect>,
 }
 
 impl EffectSpec {

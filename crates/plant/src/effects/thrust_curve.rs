@@ -1,6 +1,6 @@
 //! Thrust is not linear in throttle.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
@@ -36,8 +36,8 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    Box::new(ThrustCurve { curvature: values[0], cubic: values[1], weight_n: rig.airframe.weight_n() })
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(ThrustCurve { curvature: values[0], cubic: values[1], weight_n: airframe.weight_n() })
 }
 
 struct ThrustCurve {

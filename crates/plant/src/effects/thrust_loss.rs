@@ -1,6 +1,6 @@
 //! A worn or cut propeller, a weak motor; or a fresh one, when the loss is negative.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 
@@ -24,7 +24,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(ThrustLoss { kept: 1.0 - values[0] })
 }
 

@@ -1,6 +1,6 @@
 //! The on-board stabiliser does not make up for tilt.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
 use crate::nominal::Air;
@@ -25,7 +25,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(TiltLoss { fraction: values[0] })
 }
 

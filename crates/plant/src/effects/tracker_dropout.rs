@@ -1,6 +1,6 @@
 //! The marker is hidden, or the machine vision loses it, for a few frames at a time.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use rand::RngExt;
 
 use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
@@ -37,7 +37,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, mut rng: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, mut rng: EffectRng) -> Box<dyn Effect> {
     let (probability, mean_burst_frames) = (values[0], values[1]);
     Box::new(TrackerDropout {
         // At most one, since no burst is shorter than a frame and no more than half of all frames are lost.

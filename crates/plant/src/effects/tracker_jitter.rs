@@ -1,6 +1,6 @@
 //! Frames wait for a computer that is busy with other things.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use rand_distr::{Distribution, Exp1};
 
 use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
@@ -25,7 +25,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, rng: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, rng: EffectRng) -> Box<dyn Effect> {
     Box::new(TrackerJitter { sigma_s: values[0], rng })
 }
 

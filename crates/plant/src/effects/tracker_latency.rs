@@ -1,6 +1,6 @@
 //! The tracker is slower or faster than the rig says.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
 
@@ -24,7 +24,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(TrackerLatency { extra_s: values[0] })
 }
 

@@ -1,6 +1,6 @@
 //! The tracker is noisier than the rig says.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -26,7 +26,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, rng: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, rng: EffectRng) -> Box<dyn Effect> {
     Box::new(TrackerNoise { sigma_m: values[0], rng })
 }
 

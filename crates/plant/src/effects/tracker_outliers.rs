@@ -1,6 +1,6 @@
 //! Now and then the tracker takes something else for the marker.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -39,7 +39,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, rng: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, rng: EffectRng) -> Box<dyn Effect> {
     Box::new(TrackerOutliers { probability: values[0], sigma_m: values[1], rng })
 }
 

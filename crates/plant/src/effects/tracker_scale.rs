@@ -1,6 +1,6 @@
 //! The tracker's calibration is off.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 
 use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
 
@@ -46,7 +46,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], _: &Rig, _: EffectRng) -> Box<dyn Effect> {
+fn build(values: &[f64], _: &Airframe, _: EffectRng) -> Box<dyn Effect> {
     Box::new(TrackerScale { scale: 1.0 + values[0], bias_m: values[1], bend_per_m: values[2] })
 }
 

@@ -1,6 +1,6 @@
 //! A steady draught: a heater, a fan, the room.
 
-use bench_rig::Rig;
+use bench_rig::Airframe;
 use nalgebra::Vector3;
 
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
@@ -41,8 +41,8 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
     build,
 };
 
-fn build(values: &[f64], rig: &Rig, _: EffectRng) -> Box<dyn Effect> {
-    Box::new(Updraft { force_n: values[0] * rig.airframe.drag_n_s_per_m.value, growth_per_m: values[1] })
+fn build(values: &[f64], airframe: &Airframe, _: EffectRng) -> Box<dyn Effect> {
+    Box::new(Updraft { force_n: values[0] * airframe.drag_n_s_per_m.value, growth_per_m: values[1] })
 }
 
 struct Updraft {

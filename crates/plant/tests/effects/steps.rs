@@ -16,7 +16,7 @@ fn means_of_spans(library_index: usize, dt_s: f64) -> Vec<f64> {
     let rig = rig(Model::Vertical);
     let weight_n = rig.airframe.weight_n();
     let mut effects = Effects::default();
-    effects.add(library_index, &typical(spec), &rig, 1);
+    effects.add(library_index, &typical(spec), &rig.airframe, 1);
     let steps = (0.1_f64 / dt_s).round() as u32;
     let mut means = Vec::new();
     for ratio in [0.5, 1.2, 1.2, 0.3, 1.0] {
@@ -88,7 +88,7 @@ fn a_flight_in_steps_of_20_ms_is_that_in_steps_of_half_a_millisecond() {
 fn integral_ahead(dt_s: f64) -> f64 {
     let index = LIBRARY.iter().position(|spec| spec.name == "ground-effect-dynamic").unwrap();
     let mut effects = Effects::default();
-    effects.add(index, &[0.1, 1.0, 0.0], &rig(Model::Vertical), 1);
+    effects.add(index, &[0.1, 1.0, 0.0], &rig(Model::Vertical).airframe, 1);
     let air_at = |t: f64| Air {
         height_m: 0.5 * t * t,
         velocity_m_s: Vector3::new(0.0, 0.0, t),
