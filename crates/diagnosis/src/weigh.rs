@@ -52,6 +52,8 @@ const ODD_SIGHTINGS: (f64, f64) = (8.0, 0.03);
 const ODD: [&str; 3] = ["tracker-jitter", "tracker-dropout", "tracker-outliers"];
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
 const SECOND_BESIDE_CHANNEL_NATS: f64 = 4.0;
+/// Less than this, nats, in any place that is looked at, is nothing that calls for another cause.
+const NOTHING_LEFT_NATS: f64 = 2.0;
 /// In doubt, evidence counts so many times less.
 const DOUBTFUL: f64 = 10.0;
 /// Hypotheses whose forms are looked at: those that others cannot overtake by form are left out.
@@ -160,22 +162,19 @@ impl Weighed {
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
         let of_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
         let forgiven = crowd * if best.effects.is_empty() { of_none } else { FORGIVEN_NATS };
-        let mut left = unexplained(
-            best,
-            &search.fits[best.fit],
-            &on_null,
-            waves,
-            direct,
-            [forgiven, forgiven.max(crowd * FORGIVEN_OFFSETS_NATS)],
-        );
+        let rest = Rest::of(best, &search.fits[best.fit], &on_null, waves, direct);
+        let mut left = rest.unexplained(best, [forgiven, forgiven.max(crowd * FORGIVEN_OFFSETS_NATS)]);
         let beyond = pulses - forgiven_pulses(best, uneven(problem), crowd);
         if beyond > 0.0 {
             left = left.max(beyond);
         }
-        if only_gusts(&search.fits[best.fit]) {
+        let only_gusts = only_gusts(&search.fits[best.fit]);
+        if only_gusts {
             // Pushes one way, in ordinary air, may be all that there is.
             left = left.max(self::pulses(problem, &search.fits[0]) - best.gain);
         }
+        // Wind never leaves anything: it takes in what it does not explain.
+        let nothing_left = !only_gusts && rest.most().max(pulses) < NOTHING_LEFT_NATS;
         let unknown_gain = best.gain + left;
         let posterior = |temperature: f64| {
             let at = |prior: f64, gain: f64| prior + gain / temperature;
@@ -216,6 +215,12 @@ impl Weighed {
             if unknown_gain <= 0.0 && probabilities.iter().all(|probability| *probability < unknown) {
                 std::mem::swap(&mut unknown, &mut probabilities[none]);
             }
+        }
+        // Nor is there another cause to suspect where the best one leaves nothing at all.
+        let likeliest =
+            (0..probabilities.len()).max_by(|i, j| probabilities[*i].total_cmp(&probabilities[*j]));
+        if let Some(likeliest) = likeliest.filter(|i| nothing_left && probabilities[*i] < unknown) {
+            std::mem::swap(&mut unknown, &mut probabilities[likeliest]);
         }
         Self {
             hypotheses,
@@ -506,34 +511,62 @@ fn only_gusts(fit: &Fit) -> bool {
     matches!(fit.effects().as_slice(), &[effect] if LIBRARY[effect].name == "gusts")
 }
 
-/// What no known law explains on top of a hypothesis, nats; below zero where less is left than is forgiven.
-fn unexplained(
-    best: &Hypothesis,
-    fit: &Fit,
-    on_null: &Regions,
-    [wave_on_null, mut wave]: [f64; 2],
-    direct: &Direct,
-    [forgiven, of_offsets]: [f64; 2],
-) -> f64 {
-    let on_best = best.regions.as_ref().unwrap_or(on_null);
-    let gain = best.gain.max(0.0);
-    let mut laws = best.effects.iter().filter(|effect| !is_random(**effect)).peekable();
-    let smooth = laws.peek().is_some() && laws.all(|effect| LIBRARY[*effect].name == SMOOTH);
-    let form_left = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORM_LEFT_OF_GAIN };
-    let share = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
-    let mut structure = on_best.ceiling - on_best.form.min(form_left * gain);
-    if only_gusts(fit) {
-        // Wind has no structure: what a law would have explained, no gust does.
-        structure = structure.max(on_null.ceiling);
-        wave = wave.max(wave_on_null - 0.5 * gain);
+/// What no known law explains on top of a hypothesis, nats.
+struct Rest {
+    /// A free acceleration, what is another form of the hypothesis' laws left out.
+    structure: f64,
+    /// An acceleration that swings.
+    wave: f64,
+    /// An acceleration by what was of late.
+    past: f64,
+    /// An offset of the tracker, or what differs from flight to flight.
+    offset: f64,
+    /// Readbacks.
+    pins: f64,
+    /// Share of the hypothesis' own gain that is forgiven.
+    share: f64,
+}
+
+impl Rest {
+    fn of(
+        best: &Hypothesis,
+        fit: &Fit,
+        on_null: &Regions,
+        [wave_on_null, mut wave]: [f64; 2],
+        direct: &Direct,
+    ) -> Self {
+        let on_best = best.regions.as_ref().unwrap_or(on_null);
+        let gain = best.gain.max(0.0);
+        let mut laws = best.effects.iter().filter(|effect| !is_random(**effect)).peekable();
+        let smooth = laws.peek().is_some() && laws.all(|effect| LIBRARY[*effect].name == SMOOTH);
+        let form_left = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORM_LEFT_OF_GAIN };
+        let share = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
+        let mut structure = on_best.ceiling - on_best.form.min(form_left * gain);
+        if only_gusts(fit) {
+            // Wind has no structure: what a law would have explained, no gust does.
+            structure = structure.max(on_null.ceiling);
+            wave = wave.max(wave_on_null - 0.5 * gain);
+        }
+        let offset = on_best.offset().max(on_best.drift);
+        Self { structure, wave, past: on_best.past, offset, pins: direct.unexplained_pins, share }
     }
-    let left = structure.max(wave).max(0.7 * (structure + wave));
-    let mut flight = left - forgiven - share * gain;
-    let past = on_best.past - forgiven - FORGIVEN_SHARE * gain;
-    let offset = on_best.offset().max(on_best.drift) - of_offsets - FORGIVEN_OFFSETS_SHARE * gain;
-    let beyond = past.max(offset);
-    if beyond > 0.0 {
-        flight = flight.max(beyond);
+
+    /// The most of it in any one place.
+    fn most(&self) -> f64 {
+        [self.structure, self.wave, self.past, self.offset, self.pins].into_iter().fold(0.0, f64::max)
     }
-    if direct.unexplained_pins > 0.0 { flight.max(0.0) + direct.unexplained_pins } else { flight }
+
+    /// All of it beyond what is forgiven; below zero where less is left.
+    fn unexplained(&self, best: &Hypothesis, [forgiven, of_offsets]: [f64; 2]) -> f64 {
+        let gain = best.gain.max(0.0);
+        let left = self.structure.max(self.wave).max(0.7 * (self.structure + self.wave));
+        let mut flight = left - forgiven - self.share * gain;
+        let past = self.past - forgiven - FORGIVEN_SHARE * gain;
+        let offset = self.offset - of_offsets - FORGIVEN_OFFSETS_SHARE * gain;
+        let beyond = past.max(offset);
+        if beyond > 0.0 {
+            flight = flight.max(beyond);
+        }
+        if self.pins > 0.0 { flight.max(0.0) + self.pins } else { flight }
+    }
 }

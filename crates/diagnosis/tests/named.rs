@@ -554,3 +554,9 @@ fn two_laws_along_the_same_quantities_are_both_named() {
         assert_both_named(first, second);
     }
 }
+
+#[test]
+fn what_leaves_nothing_is_not_unknown() {
+    // Noise on top of a law counts for less, a law over thrust alone leaves little to be forgiven: yet nothing was left to suspect.
+    assert_both_named("thrust-curve:curvature=-0.45,cubic=0.06", "tracker-noise:sigma_m=0.0056");
+}
