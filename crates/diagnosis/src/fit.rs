@@ -170,6 +170,9 @@ const HIGHEST_CEILING: f64 = 1.3;
 const SELDOM_ONE_IN: usize = 20;
 const LOST_ONE_IN: usize = 200;
 
+/// Shares of its ordinary gain with which a ceiling is tried that stopped flights.
+const AGAINST_CEILING: [f64; 3] = [0.03, 0.2, 1.0];
+
 fn has_ceiling(effect: usize) -> bool {
     LIBRARY[effect].parameters.iter().any(|p| p.key == CEILING)
 }
@@ -188,6 +191,19 @@ pub struct Promise {
     pub start: Point,
     /// Other starts, of other sizes or shapes, with what they promise, most first.
     pub others: Vec<(f64, Point)>,
+}
+
+/// Adds a start to the promises: of each effect the best leads.
+fn add_start(promises: &mut Vec<Promise>, effect: usize, gain: f64, start: Point) {
+    match promises.iter_mut().find(|other| other.effect == effect) {
+        Some(promise) if promise.gain < gain => {
+            let lesser = (promise.gain, std::mem::replace(&mut promise.start, start));
+            promise.gain = gain;
+            promise.others.push(lesser);
+        }
+        Some(promise) => promise.others.push((gain, start)),
+        None => promises.push(Promise { effect, gain, start, others: Vec::new() }),
+    }
 }
 
 impl<'a> Problem<'a> {
@@ -345,6 +361,26 @@ impl<'a> Problem<'a> {
         grid
     }
 
+    /// A point with a ceiling that stopped the flights where they were seen highest, for several shapes of its gain.
+    fn against_ceiling(&self, point: &Point, effect: usize) -> Vec<Point> {
+        let highest_m = self.tracks.iter().map(Track::highest_m).fold(f64::NEG_INFINITY, f64::max);
+        let grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
+            let values = match p.prior {
+                _ if p.key == CEILING => vec![highest_m],
+                _ if p.default.is_some() => p.default.into_iter().collect(),
+                // Flights that are pushed against it hard were gained hardly anything before.
+                Prior::LogNormal { median, .. } if p.neutral.is_some() => {
+                    AGAINST_CEILING.map(|share| share * median).to_vec()
+                }
+                prior => vec![prior.typical()],
+            };
+            values.into_iter().map(|value| value.clamp(p.min, p.max)).collect()
+        }));
+        let with =
+            |values| Point { effects: [&point.effects[..], &[(effect, values)]].concat(), ..point.clone() };
+        grid.into_iter().map(with).collect()
+    }
+
     /// Heights from which a ceiling is looked for, m, even in the logarithm.
     fn ceilings_m(&self) -> Vec<f64> {
         let mut seen: Vec<f64> =
@@ -406,14 +442,13 @@ impl<'a> Problem<'a> {
                 None => value,
             });
             start.effects.push((effect, scaled.collect()));
-            match best.iter_mut().find(|other| other.effect == effect) {
-                Some(promise) if promise.gain < gain => {
-                    let lesser = (promise.gain, std::mem::replace(&mut promise.start, start));
-                    promise.gain = gain;
-                    promise.others.push(lesser);
-                }
-                Some(promise) => promise.others.push((gain, start)),
-                None => best.push(Promise { effect, gain, start, others: Vec::new() }),
+            add_start(&mut best, effect, gain, start);
+        }
+        for effect in effects.iter().filter(|effect| has_ceiling(**effect)) {
+            for start in self.against_ceiling(point, *effect) {
+                // No straight line leads there: what stops a flight does so altogether.
+                let gain = base.objective - self.objective(&start, &base.noise, free);
+                add_start(&mut best, *effect, gain, start);
             }
         }
         for promise in &mut best {

@@ -192,6 +192,8 @@ pub struct Law {
     effects: Effects,
     mass_kg: f64,
     free_thrust_n: f64,
+    /// Height of a surface above that stops the airframe, m; infinite where there is none.
+    pub ceiling_m: f64,
     /// Cosine of the tilt, where it was measured.
     pub tilt_cos: f64,
     /// How much later than the tracker believes an exposure was seen, s, the rig's latency included.
@@ -255,6 +257,7 @@ impl Law {
         }
         let mut law = Self {
             nominal,
+            ceiling_m: effects.ceiling_m(),
             effects,
             mass_kg,
             free_thrust_n: 0.0,

@@ -350,6 +350,8 @@ struct Filter {
     around: Surroundings,
     ratio_per_unit: f64,
     offset: f64,
+    /// Where the airframe is stopped from above, m.
+    ceiling_m: f64,
     /// Height below which the ground bends a flight, m.
     ground_effect_m: f64,
     row: Vec<f64>,
@@ -433,8 +435,11 @@ impl Filter {
             })
             .collect();
         let n = directions.len();
+        let law = Law::new(point, rig);
+        let ceiling_m = stopping_m(&law, track, &noise);
         Self {
-            law: Law::new(point, rig),
+            law,
+            ceiling_m,
             twins,
             x: [0.0; 4],
             around: Surroundings { ratio: 0.0, lagged_ratio: 1.0, ..Surroundings::default() },
@@ -608,9 +613,9 @@ impl Filter {
             z1 = 0.0;
             if v1 < 0.0 {
                 v1 = 0.0;
-                ground(&mut self.p);
+                touch(&mut self.p);
                 for probe in &mut self.probes {
-                    ground(&mut probe.p);
+                    touch(&mut probe.p);
                     probe.aside[0] = 0.0;
                     probe.aside[1] = 0.0;
                 }
@@ -620,6 +625,27 @@ impl Filter {
                     twin.sensitivity[0] = 0.0;
                     twin.sensitivity[1] = 0.0;
                 }
+            }
+        }
+        if z1 >= self.ceiling_m {
+            z1 = self.ceiling_m;
+            v1 = v1.min(0.0);
+            touch(&mut self.p);
+            for probe in &mut self.probes {
+                touch(&mut probe.p);
+                probe.aside[0] = 0.0;
+                probe.aside[1] = 0.0;
+            }
+            self.forks.clear();
+            for twin in &mut self.twins {
+                // It rests where its own ceiling is.
+                twin.sensitivity[0] = match &twin.source {
+                    Source::Law(law, inverse_step, _) if law.ceiling_m.is_finite() => {
+                        (law.ceiling_m - self.law.ceiling_m) * inverse_step
+                    }
+                    _ => 0.0,
+                };
+                twin.sensitivity[1] = 0.0;
             }
         }
         self.x = [z1, v1, b, w * kept];
@@ -819,9 +845,7 @@ impl Filter {
                 *sensitivity -= k * out;
             }
         }
-        if self.x[0] < 0.0 {
-            self.x[0] = 0.0;
-        }
+        self.x[0] = self.x[0].min(self.ceiling_m).max(0.0);
     }
 
     /// Holds what was felt on board against its prediction and learns from it, where a sighting would count.
@@ -924,6 +948,8 @@ fn spread(p: &mut Covariance, f: &Transition, h: f64, near_ground: bool, noise: 
     *p = [[p00, p01, p02, p03], [p01, p11, p12, p13], [p02, p12, p22, p23], [p03, p13, p23, p33]];
 }
 
+/// Seen so many sigma above a ceiling, twice in a row, an airframe was not stopped by it.
+const ABOVE_SIGMAS: f64 = 3.0;
 /// Spread of the vertical speed of an airframe that was carried, m/s.
 const CARRIED_M_S: f64 = 0.7;
 /// Its speed is taken from sightings so close, s.
@@ -946,8 +972,14 @@ fn begin_anew(p: &mut Covariance, noise: &Noise) {
     p[3][3] = noise.turbulence.powi(2);
 }
 
-/// What touching the ground leaves of a covariance.
-fn ground(p: &mut Covariance) {
+/// Where a law's ceiling stops the airframe, m: not where it was seen above.
+fn stopping_m(law: &Law, track: &Track, noise: &Noise) -> f64 {
+    let above_m = law.view.seen_m(law.ceiling_m) + ABOVE_SIGMAS * noise.sighting_m;
+    if law.ceiling_m.is_finite() && track.highest_m() > above_m { f64::INFINITY } else { law.ceiling_m }
+}
+
+/// What touching ground or ceiling leaves of a covariance.
+fn touch(p: &mut Covariance) {
     p[0] = [1e-6, 0.0, 0.0, 0.0];
     p[1] = [0.0, 1e-3, 0.0, 0.0];
     for row in &mut p[2..] {

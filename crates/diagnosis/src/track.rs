@@ -272,6 +272,12 @@ impl Track {
         self.check()
     }
 
+    /// The highest altitude that was seen twice in a row, m: one sighting may be of anything.
+    pub(crate) fn highest_m(&self) -> f64 {
+        let twice = self.sightings.windows(2).map(|pair| pair[0].z_m.min(pair[1].z_m));
+        twice.fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// Changes each input that a pin was read for.
     pub(crate) fn at_pins(&mut self, change: impl Fn(&mut Input, &Pin)) {
         let mut pins = self.pins.iter().peekable();

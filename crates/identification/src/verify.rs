@@ -375,7 +375,7 @@ fn fly(
     out
 }
 
-/// The midpoint rule over a step, and the ground.
+/// The midpoint rule over a step, and contact with ground and ceiling.
 fn step(law: &mut Law, h: f64, throttle: f64, (z, v): (f64, f64), air: &mut Option<Air<'_>>) -> (f64, f64) {
     law.hold(h, throttle);
     law.advance(h, z, v);
@@ -393,5 +393,11 @@ fn step(law: &mut Law, h: f64, throttle: f64, (z, v): (f64, f64), air: &mut Opti
     }
     let middle = law.acceleration_m_s2(z + 0.5 * h * v, v + 0.5 * h * first) + push;
     let (z1, v1) = (z + h * (v + 0.5 * h * first), v + h * middle);
-    if z1 <= 0.0 { (0.0, v1.max(0.0)) } else { (z1, v1) }
+    if z1 <= 0.0 {
+        (0.0, v1.max(0.0))
+    } else if z1 >= law.ceiling_m {
+        (law.ceiling_m, v1.min(0.0))
+    } else {
+        (z1, v1)
+    }
 }

@@ -83,7 +83,7 @@ impl Body {
         }
     }
 
-    /// Moves on by `dt_s` under forces and sticks held over the step, then settles contact with the ground.
+    /// Moves on by `dt_s` under forces and sticks held over the step, then settles contact with ground and ceiling.
     #[inline]
     pub fn step(&mut self, dt_s: f64, forces: &Forces<'_>, sticks: Sticks) {
         match self {
@@ -164,6 +164,16 @@ impl Vertical {
         if self.z_m <= 0.0 && self.speed_m_s <= 0.0 {
             *self = Self::default();
         }
+        stop_at(forces.effects.ceiling_m(), &mut self.z_m, &mut self.speed_m_s);
+    }
+}
+
+/// Contact with a ceiling is inelastic: the airframe stays below and may slide along.
+#[inline]
+fn stop_at(ceiling_m: f64, z_m: &mut f64, speed_m_s: &mut f64) {
+    if *z_m >= ceiling_m {
+        *z_m = ceiling_m;
+        *speed_m_s = speed_m_s.min(0.0);
     }
 }
 
@@ -210,6 +220,7 @@ impl SixDegree {
         if self.position_m.z <= 0.0 && self.velocity_m_s.z <= 0.0 {
             self.stand();
         }
+        stop_at(forces.effects.ceiling_m(), &mut self.position_m.z, &mut self.velocity_m_s.z);
     }
 
     /// Contact is inelastic and does not slip: the airframe stands level where it came down.

@@ -5,7 +5,7 @@ use std::path::Path;
 use bench_device::{Clock, PositionSource, Sticks, Time, VoltageOutput};
 use bench_plant::{
     body::{Body, SixDegree},
-    effects::Effects,
+    effects::{Effects, index_of},
     lab::Lab,
     nominal::{Forces, Nominal},
 };
@@ -257,4 +257,36 @@ fn what_ails_the_output_shows_in_the_readback_and_what_comes_after_the_pin_does_
     assert!((pinned("actuator-saturation:high_thrust_to_weight=1.15") - 2.1096).abs() < step);
     assert!((pinned("actuator-quantisation:step_fraction=0.1") - 2.31).abs() < step);
     assert!((pinned("actuator-lag:time_constant_s=0.2") - 2.3).abs() < step);
+}
+
+#[test]
+fn a_ceiling_stops_the_airframe_and_lets_it_go() {
+    for model in [Model::Vertical, Model::SixDegree] {
+        let mut rig = rig(model);
+        rig.airframe.drag_n_s_per_m.value = 0.0;
+        let nominal = Nominal::new(&rig.airframe);
+        let mut effects = Effects::default();
+        let ceiling = index_of("ceiling-effect").unwrap();
+        effects.add(ceiling, &[1e-9, 1.0, 0.1, 1.0], &rig.airframe, 1);
+        let mut body = Body::at_rest(model, &rig.airframe);
+        let mut highest_m = 0.0_f64;
+        // Thrust of 1.5 weights lifts it off and against the ceiling; half a weight lets it fall from rest there.
+        for (ratio, duration_s) in [(1.5, 3.0), (0.5, 0.4)] {
+            let throttle = rig.airframe.throttle_for(ratio * rig.airframe.weight_n());
+            let sticks = centred(&rig, throttle);
+            let forces = Forces {
+                nominal: &nominal,
+                effects: &effects,
+                free_thrust_n: nominal.free_thrust_n(throttle),
+                mass_kg: nominal.mass_kg,
+            };
+            for _ in 0..(duration_s / 0.001_f64).round() as u64 {
+                body.step(0.001, &forces, sticks);
+                highest_m = highest_m.max(body.position_m().z);
+            }
+            let fallen_m = if ratio < 1.0 { 0.5 * 0.5 * GRAVITY_M_S2 * 0.16 } else { 0.0 };
+            assert!((body.position_m().z - (1.0 - fallen_m)).abs() < 1e-6, "{model:?} {ratio}");
+        }
+        assert_eq!(highest_m, 1.0);
+    }
 }

@@ -36,6 +36,7 @@ pub(crate) fn lines(score: &Score) -> Vec<(&'static str, String, String)> {
         ("  single effects", &top.single),
         ("  single effects, d' 10 or more", &top.single_plain),
         ("  pairs", &top.pair),
+        ("  pairs, each of d' 10 or more", &top.pair_plain),
         ("  outside the library", &top.outside),
         ("  outside the library, d' 10 or more", &top.outside_plain),
         ("pairs with one of two named", &score.half_of_pair),

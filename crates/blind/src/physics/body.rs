@@ -58,15 +58,15 @@ pub(crate) struct Body<'a> {
     pub laws: Vec<&'a dyn Law>,
 }
 
-/// Undamped frequency of an airframe that stands on its skids, rad/s, and its damping ratio.
-const SKIDS_RAD_S: f64 = 120.0;
-const SKIDS_DAMPING: f64 = 0.6;
+/// Undamped frequency of an airframe that stands on its skids or is held by its guards, rad/s, and its damping ratio.
+const SPRING_RAD_S: f64 = 120.0;
+const SPRING_DAMPING: f64 = 0.6;
 
 impl Body<'_> {
     /// At rest on the floor.
     pub(crate) fn start(&self) -> [f64; STATES] {
         let mut state = [0.0; STATES];
-        state[0] = -GRAVITY_M_S2 / SKIDS_RAD_S.powi(2);
+        state[0] = -GRAVITY_M_S2 / SPRING_RAD_S.powi(2);
         for (memory, law) in state[3..].chunks_exact_mut(3).zip(&self.laws) {
             memory.copy_from_slice(&law.start());
         }
@@ -107,11 +107,21 @@ impl Body<'_> {
 
     /// The floor's push on an airframe at `z_m` that moves at `v_m_s`, m/s^2, never down.
     pub(crate) fn floor(z_m: f64, v_m_s: f64) -> f64 {
-        if z_m >= 0.0 {
-            return 0.0;
-        }
-        (-SKIDS_RAD_S.powi(2) * z_m - 2.0 * SKIDS_DAMPING * SKIDS_RAD_S * v_m_s).max(0.0)
+        springs(-z_m, -v_m_s)
     }
+
+    /// The push of a lid that hangs at `lid_m`, m/s^2 down.
+    pub(crate) fn lid(lid_m: f64, z_m: f64, v_m_s: f64) -> f64 {
+        springs(z_m - lid_m, v_m_s)
+    }
+}
+
+/// How much a solid pushes back that the airframe went `depth_m` into at a speed, m/s^2.
+fn springs(depth_m: f64, speed_m_s: f64) -> f64 {
+    if depth_m <= 0.0 {
+        return 0.0;
+    }
+    (SPRING_RAD_S.powi(2) * depth_m + 2.0 * SPRING_DAMPING * SPRING_RAD_S * speed_m_s).max(0.0)
 }
 
 /// `max(0, x)` with a small round in its corner.

@@ -1,6 +1,9 @@
 //! Ground, ceiling and air.
 
-use super::law::{Law, Memory, Now, Push};
+use super::{
+    body::Body,
+    law::{Law, Memory, Now, Push},
+};
 
 /// Part of the ground effect fades exponentially with height.
 #[derive(Debug)]
@@ -69,7 +72,7 @@ impl Law for StickyCushion {
     }
 }
 
-/// A surface above draws the rotors up as an image rotor does, `gain (r / (r + d))^2`.
+/// A lid above draws the rotors up as an image rotor does, `gain (r / (r + d))^2`, until the airframe hits it.
 #[derive(Debug)]
 pub(crate) struct ImageCeiling {
     pub gain: f64,
@@ -81,11 +84,12 @@ impl Law for ImageCeiling {
     fn act(&self, now: &Now, _: &Memory, push: &mut Push) -> Memory {
         let distance_m = (self.ceiling_m - now.z_m).max(0.0);
         push.factor *= 1.0 + self.gain * (self.radius_m / (self.radius_m + distance_m)).powi(2);
+        push.force_n -= push.mass_kg * Body::lid(self.ceiling_m, now.z_m, now.v_m_s);
         [0.0; 3]
     }
 }
 
-/// The draw of a ceiling as a bell over distance.
+/// The draw of a ceiling as a bell over distance; of a net, or the edge of a board, beside which the airframe may rise higher.
 #[derive(Debug)]
 pub(crate) struct BellCeiling {
     pub gain: f64,

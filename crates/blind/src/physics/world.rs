@@ -150,6 +150,21 @@ mod tests {
     }
 
     #[test]
+    fn a_lid_holds_an_airframe_that_pushes_against_it() {
+        let lid = crate::physics::environment::ImageCeiling { gain: 0.05, ceiling_m: 0.8, radius_m: 0.05 };
+        let laws: Vec<&dyn crate::physics::law::Law> = vec![&lid];
+        let mut world = World { body: Body { laws, ..world().body }, ..world() };
+        world.heard = 0.5 + 1.1 * WEIGHT_N / 0.1;
+        world.advance(6.0);
+        let highest_m = world.path.iter().map(|[z_m, _]| *z_m).fold(0.0, f64::max);
+        // It comes at less than sqrt(2 x 0.1 g x 0.8 m), 1.3 m/s, which the guards stop within that over their frequency.
+        assert!((0.8..0.811).contains(&highest_m), "{highest_m}");
+        // Thrust of 1.15 weights presses 0.15 g into them, a tenth of a millimetre.
+        let [z_m, v_m_s] = world.path[world.path.len() - 1];
+        assert!((z_m - 0.8001).abs() < 5e-5 && v_m_s.abs() < 1e-3, "{z_m} {v_m_s}");
+    }
+
+    #[test]
     fn at_rest_the_airframe_stays_on_the_floor() {
         let mut world = world();
         world.advance(1.0);

@@ -103,6 +103,8 @@ pub struct TopOne {
     pub single_plain: Rate,
     /// Two effects, both to be named.
     pub pair: Rate,
+    /// Two effects, each of detectability of [`PLAIN`] or more, both to be named.
+    pub pair_plain: Rate,
     /// Outside the library.
     pub outside: Rate,
     /// Outside the library, detectability of [`PLAIN`] or more.
@@ -271,6 +273,7 @@ pub(crate) fn score(seal: &Seal, key: &Key, answers: &Answers) -> Score {
         .collect();
     let of = |family: Family| scored.iter().filter(move |case| case.truth.family == family);
     let plain = |case: &&Scored<'_>| case.truth.detectability >= PLAIN;
+    let each_plain = |case: &&Scored<'_>| case.truth.ingredients.iter().all(|i| i.detectability >= PLAIN);
     let named = |told: &str| {
         scored.iter().filter(|case| case.told == told).map(|case| case.name.to_owned()).collect()
     };
@@ -290,6 +293,7 @@ pub(crate) fn score(seal: &Seal, key: &Key, answers: &Answers) -> Score {
             single: Rate::of(of(Family::Single).map(Scored::right)),
             single_plain: Rate::of(of(Family::Single).filter(plain).map(Scored::right)),
             pair: Rate::of(of(Family::Pair).map(Scored::right)),
+            pair_plain: Rate::of(of(Family::Pair).filter(each_plain).map(Scored::right)),
             outside: Rate::of(of(Family::Outside).map(Scored::right)),
             outside_plain: Rate::of(of(Family::Outside).filter(plain).map(Scored::right)),
         },

@@ -5,11 +5,11 @@ use bench_rig::Airframe;
 use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
 use crate::nominal::Air;
 
-/// Thrust grows exponentially towards a surface above.
+/// Thrust grows exponentially towards a surface above, which stops the airframe.
 pub(super) static SPEC: EffectSpec = EffectSpec {
     name: "ceiling-effect",
     stage: Stage::Environment,
-    summary: "thrust grows near a surface above",
+    summary: "thrust grows near a surface above, which stops the airframe",
     law: "T' = T (1 + gain exp(-(max(0, ceiling - z)/decay)^p))",
     source: "Hsiao and Chirarattananon, Ceiling Effects for Hybrid Aerial-Surface Locomotion of Small Rotorcraft, IEEE/ASME Transactions on Mechatronics 24(5), 2019: the effect on small rotors; its exponential fit as in the ground-effect model of He, Kou, Calaf, Leang, 2019",
     parameters: &[
@@ -72,6 +72,11 @@ impl Effect for CeilingEffect {
     fn thrust(&self, air: &Air, thrust_n: &mut f64) {
         let distance_m = (self.ceiling_m - air.height_m).max(0.0);
         *thrust_n *= 1.0 + self.gain * (-power(distance_m / self.decay_m, self.exponent)).exp();
+    }
+
+    fn ceiling_m(&self) -> f64 {
+        // Without gain there is no ceiling.
+        if self.gain > 0.0 { self.ceiling_m } else { f64::INFINITY }
     }
 }
 

@@ -121,6 +121,11 @@ pub trait Effect: Send {
     /// Airframe: changes the mass, kg. Constant over a flight.
     fn mass(&self, _mass_kg: &mut f64) {}
 
+    /// Environment: height of a surface that the airframe cannot pass, m. Constant over a flight.
+    fn ceiling_m(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// Tracker: changes a frame.
     fn expose(&mut self, _frame: &mut Frame) {}
 
@@ -170,6 +175,12 @@ impl Effects {
             Stage::Propulsion => self.propulsion.push(effect),
             Stage::Environment | Stage::Airframe => self.air.push(effect),
         }
+    }
+
+    /// Height of the lowest surface above, m; infinite where there is none.
+    #[inline]
+    pub fn ceiling_m(&self) -> f64 {
+        self.air.iter().map(|effect| effect.ceiling_m()).fold(f64::INFINITY, f64::min)
     }
 }
 
