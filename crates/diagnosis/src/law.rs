@@ -191,6 +191,8 @@ pub struct Law {
     nominal: Nominal,
     effects: Effects,
     mass_kg: f64,
+    /// Its reciprocal: a step waits for every division.
+    per_kg: f64,
     free_thrust_n: f64,
     /// Height of a surface above that stops the airframe, m; infinite where there is none.
     pub ceiling_m: f64,
@@ -260,6 +262,7 @@ impl Law {
             ceiling_m: effects.ceiling_m(),
             effects,
             mass_kg,
+            per_kg: mass_kg.recip(),
             free_thrust_n: 0.0,
             tilt_cos: 1.0,
             latency_s: n[LATENCY],
@@ -332,7 +335,7 @@ impl Law {
             mass_kg: self.mass_kg,
         };
         let air = self.air(z_m, speed_m_s);
-        (forces.thrust_n(&air) + forces.drag_n(&air).z) / self.mass_kg - GRAVITY_M_S2
+        (forces.thrust_n(&air) + forces.drag_n(&air).z) * self.per_kg - GRAVITY_M_S2
     }
 
     #[inline]

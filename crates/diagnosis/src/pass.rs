@@ -935,8 +935,8 @@ fn spread(p: &mut Covariance, f: &Transition, h: f64, near_ground: bool, noise: 
     let row =
         |f: &[f64; 3]| [0, 1, 2, 3].map(|j| f[0] * p[0][j] + f[1] * p[1][j] + f[2] * (p[2][j] + p[3][j]));
     let (fz, fv) = (row(&f.z), row(&f.v));
-    let q =
-        if near_ground { noise.acceleration.hypot(noise.near_ground) } else { noise.acceleration }.powi(2);
+    let kink = if near_ground { noise.near_ground } else { 0.0 };
+    let q = noise.acceleration.powi(2) + kink.powi(2);
     let dot = |a: &[f64; 4], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + (a[2] + a[3]) * b[2];
     let p00 = dot(&fz, &f.z) + q * h * h * h / 3.0;
     let p01 = dot(&fz, &f.v) + q * h * h / 2.0;
@@ -1009,8 +1009,8 @@ impl Sight {
     /// Negative log-likelihood, variance of the innovation, and its weight (Huber's).
     #[inline]
     fn score(&self, p: &Covariance, noise: &Noise, residual: f64) -> (f64, f64, f64) {
-        let blur = self.factor * self.speed_m_s * self.timing_s.hypot(noise.jitter_s);
-        let s = self.factor * self.factor * p[0][0] + noise.sighting_m.powi(2) + blur * blur;
+        let blur2 = (self.factor * self.speed_m_s).powi(2) * (self.timing_s.powi(2) + noise.jitter_s.powi(2));
+        let s = self.factor * self.factor * p[0][0] + noise.sighting_m.powi(2) + blur2;
         let u2 = residual * residual / s;
         if noise.outlier_probability > 0.0 {
             // A mixture: the sighting is of something else with some probability.
@@ -1097,4 +1097,37 @@ fn learn(p: &mut Covariance, factor: f64, s: f64, weight: f64) -> State {
         }
     }
     k
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use bench_plant::effects::index_of;
+
+    use super::*;
+
+    #[test]
+    fn a_ceiling_does_not_stop_what_was_seen_above_it() {
+        let rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+        let mut point = Point::nominal(&rig).0;
+        let noise = crate::Problem::new(&[], &rig).noise;
+        let seen = |altitudes: &[f64]| {
+            let sighting = |z_m: &f64| Sighting {
+                exposed_s: 0.0,
+                believed_s: 0.0,
+                z_m: *z_m,
+                counts: true,
+                carried: false,
+            };
+            Track { sightings: altitudes.iter().map(sighting).collect(), ..Track::default() }
+        };
+        let below = seen(&[0.3, 0.705, 0.705, 0.5]);
+        assert_eq!(stopping_m(&Law::new(&point, &rig), &below, &noise), f64::INFINITY);
+        point.effects = vec![(index_of("ceiling-effect").unwrap(), vec![0.1, 0.7, 0.05, 1.0])];
+        let law = Law::new(&point, &rig);
+        assert_eq!(stopping_m(&law, &below, &noise), 0.7, "half a centimetre above is within three sigma");
+        assert_eq!(stopping_m(&law, &seen(&[0.5, 0.9, 0.5]), &noise), 0.7, "one sighting may be of anything");
+        assert_eq!(stopping_m(&law, &seen(&[0.5, 0.9, 0.9, 0.5]), &noise), f64::INFINITY);
+    }
 }
