@@ -613,42 +613,38 @@ impl Filter {
             z1 = 0.0;
             if v1 < 0.0 {
                 v1 = 0.0;
-                touch(&mut self.p);
-                for probe in &mut self.probes {
-                    touch(&mut probe.p);
-                    probe.aside[0] = 0.0;
-                    probe.aside[1] = 0.0;
-                }
-                // Where the one has landed and the other not, they cannot be compared.
-                self.forks.clear();
-                for twin in &mut self.twins {
-                    twin.sensitivity[0] = 0.0;
-                    twin.sensitivity[1] = 0.0;
-                }
+                self.touch(|_| 0.0);
             }
         }
         if z1 >= self.ceiling_m {
             z1 = self.ceiling_m;
             v1 = v1.min(0.0);
-            touch(&mut self.p);
-            for probe in &mut self.probes {
-                touch(&mut probe.p);
-                probe.aside[0] = 0.0;
-                probe.aside[1] = 0.0;
-            }
-            self.forks.clear();
-            for twin in &mut self.twins {
-                // It rests where its own ceiling is.
-                twin.sensitivity[0] = match &twin.source {
-                    Source::Law(law, inverse_step, _) if law.ceiling_m.is_finite() => {
-                        (law.ceiling_m - self.law.ceiling_m) * inverse_step
-                    }
-                    _ => 0.0,
-                };
-                twin.sensitivity[1] = 0.0;
-            }
+            let own_m = self.law.ceiling_m;
+            self.touch(|source| match source {
+                Source::Law(law, inverse_step, _) if law.ceiling_m.is_finite() => {
+                    (law.ceiling_m - own_m) * inverse_step
+                }
+                _ => 0.0,
+            });
         }
         self.x = [z1, v1, b, w * kept];
+    }
+
+    /// Ground or ceiling leave nothing of how the airframe came there: all that is told against the state is stopped too, by what stops
+    /// it, `aside_m` from here per unit.
+    fn touch(&mut self, aside_m: impl Fn(&Source) -> f64) {
+        stopped(&mut self.p);
+        for probe in &mut self.probes {
+            stopped(&mut probe.p);
+            probe.aside[0] = 0.0;
+            probe.aside[1] = 0.0;
+        }
+        // Where the one is stopped and the other not, they cannot be compared.
+        self.forks.clear();
+        for twin in &mut self.twins {
+            twin.sensitivity[0] = aside_m(&twin.source);
+            twin.sensitivity[1] = 0.0;
+        }
     }
 
     fn look_at_channels(&mut self, track: &Track, now_s: f64) {
@@ -979,7 +975,7 @@ fn stopping_m(law: &Law, track: &Track, noise: &Noise) -> f64 {
 }
 
 /// What touching ground or ceiling leaves of a covariance.
-fn touch(p: &mut Covariance) {
+fn stopped(p: &mut Covariance) {
     p[0] = [1e-6, 0.0, 0.0, 0.0];
     p[1] = [0.0, 1e-3, 0.0, 0.0];
     for row in &mut p[2..] {
