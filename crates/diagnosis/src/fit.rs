@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::{
+    direct::evenly_in_log,
     law::{Coordinate, Point},
     pass::{Direction, LIFT_OFF_M_S, NEAR_GROUND_ACCELERATION, Noise, PROBES, Pass, fly_track, run},
     random, settle,
@@ -24,6 +25,8 @@ pub struct Problem<'a> {
     pub sigma: [f64; 8],
     /// What is thought of the noise before any flight.
     pub noise: Noise,
+    /// Altitude that all but a few sightings are below, m.
+    pub top_m: f64,
 }
 
 /// A fitted hypothesis.
@@ -163,15 +166,24 @@ const BENT_SIGMAS: f64 = 3.0;
 /// The parameter that is started where flights end, and from how many heights.
 const CEILING: &str = "ceiling_m";
 const CEILING_STARTS: usize = 16;
-/// From this share of what flights seldom exceed to this of their highest.
-const LOWEST_CEILING: f64 = 0.5;
+/// From this share of the flights' top to this: no surface is far below where an airframe was seen.
+const LOWEST_CEILING: f64 = 0.75;
 const HIGHEST_CEILING: f64 = 1.3;
-/// One sighting in so many is seldom, and one in so many may be anywhere.
-const SELDOM_ONE_IN: usize = 20;
+/// One sighting in so many may be of anything; flights that were never seen higher than so much, m, have no ceiling to be looked for.
 const LOST_ONE_IN: usize = 200;
+const LEAST_TOP_M: f64 = 0.1;
 
 /// Shares of its ordinary gain with which a ceiling is tried that stopped flights.
 const AGAINST_CEILING: [f64; 3] = [0.03, 0.2, 1.0];
+
+/// Altitude that all but a few sightings are below, m.
+fn top_m(tracks: &[Track]) -> f64 {
+    let mut seen: Vec<f64> =
+        tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m).collect();
+    seen.sort_by(f64::total_cmp);
+    let top = seen.len().checked_sub(1 + seen.len() / LOST_ONE_IN).map_or(0.0, |at| seen[at]);
+    top.max(LEAST_TOP_M)
+}
 
 fn has_ceiling(effect: usize) -> bool {
     LIBRARY[effect].parameters.iter().any(|p| p.key == CEILING)
@@ -228,7 +240,7 @@ impl<'a> Problem<'a> {
             near_ground: NEAR_GROUND_ACCELERATION,
             lift_off_m_s: LIFT_OFF_M_S,
         };
-        Self { tracks, rig, nominal, sigma, noise }
+        Self { tracks, rig, nominal, sigma, noise, top_m: top_m(tracks) }
     }
 
     /// The same problem of other flights.
@@ -363,7 +375,7 @@ impl<'a> Problem<'a> {
 
     /// A point with a ceiling that stopped the flights where they were seen highest, for several shapes of its gain.
     fn against_ceiling(&self, point: &Point, effect: usize) -> Vec<Point> {
-        let highest_m = self.tracks.iter().map(Track::highest_m).fold(f64::NEG_INFINITY, f64::max);
+        let highest_m = self.tracks.iter().map(Track::highest_m).fold(self.top_m, f64::max);
         let grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values = match p.prior {
                 _ if p.key == CEILING => vec![highest_m],
@@ -383,16 +395,7 @@ impl<'a> Problem<'a> {
 
     /// Heights from which a ceiling is looked for, m, even in the logarithm.
     fn ceilings_m(&self) -> Vec<f64> {
-        let mut seen: Vec<f64> =
-            self.tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m).collect();
-        seen.sort_by(f64::total_cmp);
-        let exceeded = |one_in: usize| {
-            seen.len().checked_sub(1 + seen.len() / one_in).map_or(0.0, |at| seen[at].max(0.0))
-        };
-        let (low_m, high_m) =
-            (LOWEST_CEILING * exceeded(SELDOM_ONE_IN), HIGHEST_CEILING * exceeded(LOST_ONE_IN));
-        let share = |k: usize| k as f64 / (CEILING_STARTS - 1) as f64;
-        (0..CEILING_STARTS).map(|k| low_m.powf(1.0 - share(k)) * high_m.powf(share(k))).collect()
+        evenly_in_log(LOWEST_CEILING * self.top_m, HIGHEST_CEILING * self.top_m, CEILING_STARTS).collect()
     }
 
     fn promises_at(&self, base: &Fit, point: &Point, effects: &[usize]) -> Vec<Promise> {
@@ -559,7 +562,10 @@ impl<'a> Problem<'a> {
                     effect_coordinates(slot, *effect)
                         .zip(parameters.iter().zip(values))
                         .filter(|(_, (p, value))| shaped || p.default != Some(**value))
-                        .map(|(f, _)| f),
+                        .map(|(f, (p, _))| match p.key {
+                            CEILING => Free { range: (LOWEST_CEILING * self.top_m, f.range.1), ..f },
+                            _ => f,
+                        }),
                 );
             }
         }

@@ -89,7 +89,7 @@ impl Law for ImageCeiling {
     }
 }
 
-/// The draw of a ceiling as a bell over distance; of a net, or the edge of a board, beside which the airframe may rise higher.
+/// The same with a draw that is a bell over distance.
 #[derive(Debug)]
 pub(crate) struct BellCeiling {
     pub gain: f64,
@@ -101,6 +101,7 @@ impl Law for BellCeiling {
     fn act(&self, now: &Now, _: &Memory, push: &mut Push) -> Memory {
         let distance = (self.ceiling_m - now.z_m).max(0.0) / self.reach_m;
         push.factor *= 1.0 + self.gain * (-distance * distance).exp();
+        push.force_n -= push.mass_kg * Body::lid(self.ceiling_m, now.z_m, now.v_m_s);
         [0.0; 3]
     }
 }
