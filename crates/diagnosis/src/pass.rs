@@ -641,6 +641,10 @@ impl Filter {
         }
         // Where the one is stopped and the other not, they cannot be compared.
         self.forks.clear();
+        if let Some((_, since)) = &mut self.knots {
+            since[0] = [0.0; 4];
+            since[1] = [0.0; 4];
+        }
         for twin in &mut self.twins {
             twin.sensitivity[0] = aside_m(&twin.source);
             twin.sensitivity[1] = 0.0;
@@ -802,6 +806,7 @@ impl Filter {
                 time_s: self.around.elapsed_s,
                 seen_m: sighting.z_m,
                 ratio: self.around.ratio,
+                below_ceiling_m: self.ceiling_m - z,
                 predicted,
                 filtered: (self.x, self.p),
                 transition: std::mem::replace(since, IDENTITY),

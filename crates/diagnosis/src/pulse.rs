@@ -76,12 +76,13 @@ struct Shock {
 /// Evidence is capped so that its exponential is finite.
 const MOST_NATS: f64 = 300.0;
 
-/// Nearer the ground, legs and floor push too, m.
-const CLEAR_OF_GROUND_M: f64 = 0.12;
+/// Nearer the ground, legs and floor push too, and nearer a ceiling that, m.
+const CLEAR_M: f64 = 0.12;
 
 impl Shock {
     fn of(knot: &Knot, (x, p): &(State, Covariance)) -> Option<Self> {
-        if knot.predicted.0[0].min(x[0]).min(knot.seen_m) < CLEAR_OF_GROUND_M {
+        let clear_m = knot.predicted.0[0].min(x[0]).min(knot.seen_m).min(knot.below_ceiling_m);
+        if knot.is_cut() || clear_m < CLEAR_M {
             return None;
         }
         let matrix = |m: &Covariance| Matrix4::from_fn(|i, j| m[i][j]);

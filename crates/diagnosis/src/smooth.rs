@@ -36,12 +36,21 @@ pub struct Knot {
     pub seen_m: f64,
     /// Thrust over weight.
     pub ratio: f64,
+    /// How far below where a ceiling stops it, m.
+    pub below_ceiling_m: f64,
     /// State and covariance before the sighting.
     pub predicted: (State, Covariance),
     /// After it.
     pub filtered: (State, Covariance),
     /// Transition from the sighting before.
     pub transition: Covariance,
+}
+
+impl Knot {
+    /// Whether the airframe touched ground or ceiling since the sighting before, or was carried: nothing is left of its speed then.
+    pub fn is_cut(&self) -> bool {
+        self.transition.iter().all(|row| row[1] == 0.0)
+    }
 }
 
 /// At most so many points a trace.
@@ -87,6 +96,9 @@ pub fn backward(knots: &[Knot]) -> Vec<(State, Covariance)> {
     let mut out: Vec<(State, Covariance)> = knots.iter().map(|knot| knot.filtered).collect();
     for k in (0..knots.len().saturating_sub(1)).rev() {
         let next = &knots[k + 1];
+        if next.is_cut() {
+            continue;
+        }
         let (x, p) = (Vector4::from(knots[k].filtered.0), matrix(&knots[k].filtered.1));
         let predicted = matrix(&next.predicted.1) + Matrix4::identity() * 1e-14;
         let Some(inverse) = predicted.try_inverse() else { continue };
