@@ -250,7 +250,7 @@ impl Diagnosis {
         let search = Search::of(problem);
         let weighed = Weighed::of(problem, &search, &direct, calibration);
         let null = &search.fits[0];
-        let candidates = candidates(&weighed, &search, &direct);
+        let candidates = candidates(problem, &weighed, &search, &direct);
         let top = &candidates[0];
         let verdict = match top.name.as_str() {
             "none" => Verdict::None,
@@ -356,12 +356,12 @@ fn six_digits(x: f64) -> f64 {
 /// Pairs less probable are not told.
 const TOLD_PROBABILITY: f64 = 1e-4;
 
-fn candidates(weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candidate> {
+fn candidates(problem: &Problem<'_>, weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = weighed
         .hypotheses
         .iter()
         .zip(&weighed.probabilities)
-        .map(|(h, probability)| candidate(h, *probability, search, direct))
+        .map(|(h, probability)| candidate(problem, h, *probability, search, direct))
         .collect();
     all.push(Candidate {
         effects: Vec::new(),
@@ -376,11 +376,17 @@ fn candidates(weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candid
     all
 }
 
-fn candidate(h: &Hypothesis, probability: f64, search: &Search, direct: &Direct) -> Candidate {
+fn candidate(
+    problem: &Problem<'_>,
+    h: &Hypothesis,
+    probability: f64,
+    search: &Search,
+    direct: &Direct,
+) -> Candidate {
     let effects = h.names();
     let fit = &search.fits[h.fit];
     let mut parameters: Vec<ParameterValue> = fit
-        .effect_parameters(INTERVAL_SIGMAS, WIDENED, FORM_SIGMA)
+        .effect_parameters(problem, INTERVAL_SIGMAS, WIDENED, FORM_SIGMA)
         .map(|(slot, parameter, value, [low, high])| {
             let spec = LIBRARY[fit.point.effects[slot].0];
             let p = spec.parameters[parameter];

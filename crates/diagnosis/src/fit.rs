@@ -85,20 +85,25 @@ impl Fit {
 
     /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
     /// parameters that were fitted; sigma is widened by a factor, and a fraction of the value is added to it in squares,
-    /// but for parameters that are themselves the form of a law.
+    /// but for parameters that are themselves the form of a law, and of a ceiling's height a fraction of what flights did
+    /// not reach.
     pub fn effect_parameters(
         &self,
+        problem: &Problem<'_>,
         sigmas: f64,
         widened: f64,
         fraction: f64,
     ) -> impl Iterator<Item = (usize, usize, f64, [f64; 2])> + '_ {
         let fitted = self.free.iter().enumerate().map(|(i, f)| (f, self.covariance[(i, i)].max(0.0).sqrt()));
         let random = self.random.iter().map(|(f, sigma)| (f, *sigma));
+        let top_m = problem.top_m;
         fitted.chain(random).filter_map(move |(f, sigma)| {
             let Coordinate::Effect { slot, parameter } = f.at else { return None };
             let value = self.point.get(f.at);
-            let form = if f.logarithmic { fraction } else { fraction * value };
-            let shapes = self.point.parameter(slot, parameter).default.is_some();
+            let described = self.point.parameter(slot, parameter);
+            let vague = if described.key == CEILING { (value - top_m).abs() } else { value };
+            let form = if f.logarithmic { fraction * vague / value } else { fraction * vague };
+            let shapes = described.default.is_some();
             let half = sigmas * if shapes { sigma } else { widened * sigma.hypot(form) };
             let own = f.own(value);
             Some((slot, parameter, value, [f.value(own - half), f.value(own + half)]))

@@ -277,7 +277,7 @@ pub type Covariance = [[f64; 4]; 4];
 /// For so long laws are held at what was there before the flight, s: they settle on it.
 const AT_REST_S: f64 = 1e-6;
 /// Longest integration step, s, and the longest near the ground, where the air changes within centimetres.
-const STEP_S: f64 = 0.0501;
+const STEP_S: f64 = 0.1001;
 const NEAR_GROUND_STEP_S: f64 = 0.034;
 /// Near the ground a step leads no further than this share of the ground effect's height, and is no shorter than this, s;
 /// near is nearer than so many of its heights.

@@ -61,8 +61,9 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
 
 /// Loss of likelihood a sighting, nats, between the best of the grid and the mode: half a step in the size of a noise.
 const GRID_LOSS: f64 = 0.06;
-/// Sweeps of the search over all coordinates.
+/// Sweeps of the search over all coordinates, at most and at least.
 const SWEEPS: usize = 6;
+const LEAST_SWEEPS: usize = 2;
 
 /// Numbers that gain less under the noise found, nats, are where they should be.
 const SETTLED_NATS: f64 = 1.0;
@@ -220,7 +221,7 @@ impl<'a> OnTop<'a> {
         };
         let at = |x: &[f64]| self.objective(base, &scaled(x), &x[2..]);
         let steps = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
-        let (best, curvature) = descend(&at, &mut x, steps);
+        let (best, curvature) = descend(&at, &mut x, steps, base.objective);
         let sigmas: Vec<f64> =
             own.iter().zip(&curvature[2..]).map(|(f, c)| c.max(f.sigma.powi(-2)).sqrt().recip()).collect();
         let ln_width: f64 = own.iter().zip(&sigmas).map(|(f, sigma)| (sigma / f.sigma).ln()).sum();
@@ -238,11 +239,12 @@ impl<'a> OnTop<'a> {
     }
 }
 
-/// Searches along each coordinate in turn, by parabolas; the least value and the curvature along each.
-fn descend(at: &dyn Fn(&[f64]) -> f64, x: &mut [f64], mut steps: Vec<f64>) -> (f64, Vec<f64>) {
+/// Searches along each coordinate in turn, by parabolas; the least value and the curvature along each. It ends early where
+/// sweeps gain less than still lacks to what is there without.
+fn descend(at: &dyn Fn(&[f64]) -> f64, x: &mut [f64], mut steps: Vec<f64>, without: f64) -> (f64, Vec<f64>) {
     let mut best = at(x);
     let mut curvature = vec![0.0; x.len()];
-    for _ in 0..SWEEPS {
+    for sweep in 1..=SWEEPS {
         let before = best;
         for i in 0..x.len() {
             let probe = |dx: f64| {
@@ -272,7 +274,8 @@ fn descend(at: &dyn Fn(&[f64]) -> f64, x: &mut [f64], mut steps: Vec<f64>) -> (f
             }
             steps[i] = (0.5 * h).max(dx.abs().min(h));
         }
-        if before - best < 0.1 {
+        let hopeless = sweep >= LEAST_SWEEPS && before - best < best - without;
+        if before - best < 0.1 || hopeless {
             break;
         }
     }

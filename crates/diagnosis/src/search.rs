@@ -259,6 +259,8 @@ fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
         .max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
 }
 
+/// Passes after which those that promise less than they are behind are left: such a one only creeps on.
+const FIRST_LOOK: usize = 2;
 /// Passes after which fits are compared, or the nats that a step of them still promises, and nats by which one may be behind
 /// the best then to be followed to its end.
 const FIRST_PASSES: usize = 5;
@@ -299,7 +301,7 @@ fn nearer(base: &Point, mut start: Point) -> Point {
 
 /// Fits starts, with the random effects of what they stand on as those are; of those of one effect, the better fit.
 fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfolded: usize) -> Vec<Fit> {
-    let mut descents: Vec<Descent> = promises
+    let mut descents: Vec<(Descent, Vec<(f64, Point)>)> = promises
         .into_par_iter()
         .map(|promise| {
             let mut start = promise.start;
@@ -312,21 +314,32 @@ fn refine(problem: &Problem<'_>, base: &Fit, promises: Vec<Promise>, most_unfold
                 start = nearer(&base.point, start);
                 descent = problem.descent(start.clone(), base.noise, base.point.effects.len());
             }
+            descent.go(problem, FIRST_LOOK, FIRST_WORTH);
+            (descent, promise.others)
+        })
+        .collect();
+    let best = descents.iter().map(|(descent, _)| descent.log_evidence()).fold(f64::MIN, f64::max);
+    descents
+        .par_iter_mut()
+        .filter(|(descent, _)| {
+            let behind = best - FOLLOWED_NATS - descent.log_evidence();
+            descent.objective() > base.objective + OVERSHOT_NATS || descent.promise() > behind
+        })
+        .for_each(|(descent, others)| {
             descent.go(problem, FIRST_PASSES, FIRST_WORTH);
             // A law with an edge may stop on its way there.
-            for (_, start) in promise.others.into_iter().take(OTHERS_TRIED) {
+            for (_, start) in others.drain(..).take(OTHERS_TRIED) {
                 if descent.objective() < base.objective + OVERSHOT_NATS || !descent.stopped(FIRST_WORTH) {
                     break;
                 }
                 let mut other = problem.descent(start, base.noise, base.point.effects.len());
                 other.go(problem, FIRST_PASSES, FIRST_WORTH);
                 if other.objective() < descent.objective() {
-                    descent = other;
+                    *descent = other;
                 }
             }
-            descent
-        })
-        .collect();
+        });
+    let mut descents: Vec<Descent> = descents.into_iter().map(|(descent, _)| descent).collect();
     // Who is far behind and still on the way is not given up.
     for passes in FIRST_PASSES + 1..=MAX_PASSES {
         let best = descents.iter().map(Descent::log_evidence).fold(f64::MIN, f64::max);

@@ -113,6 +113,8 @@ fn a_ceiling_that_is_hit_is_found_where_it_hangs() {
     let found = diagnosis.candidates[0].parameters.iter().find(|p| p.name == "ceiling_m").unwrap();
     // Held against it, it is seen there again and again: to within the resolution.
     assert!((found.value - 0.7).abs() < rig().tracker.resolution_m, "{found:?}");
+    // And its interval says so.
+    assert!((found.low..=found.high).contains(&0.7) && found.high - found.low < 0.03, "{found:?}");
     assert!(diagnosis.candidates[0].probability > 0.7, "{:#?}", &diagnosis.candidates[..2]);
 }
 

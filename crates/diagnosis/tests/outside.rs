@@ -68,28 +68,36 @@ fn flights_that_lose_nothing_are_nominal() {
     assert_eq!(said.verdict, Verdict::None, "{:#?}", said.candidates);
 }
 
-/// One miss in so many commands, at no beat; three commands long.
-const BETWEEN: f64 = 40.0;
-const LENGTH: f64 = 3.0;
+/// A share of the throttle lost for `length` commands in each `between`, at no beat.
+fn missing(share: f64, between: f64, length: f64) -> Diagnosis {
+    diagnose(
+        |_| rig(),
+        |_| {
+            let mut written = 0.0_f64;
+            Box::new(move || {
+                let (number, since) = (written.div_euclid(between), written.rem_euclid(between));
+                let begins = (between - length) * (0.618 * number).fract();
+                written += 1.0;
+                if (begins..begins + length).contains(&since) { share } else { 0.0 }
+            })
+        },
+    )
+}
 
 #[test]
 fn thrust_that_is_missing_for_moments_is_no_known_effect() {
     // A hundredth of the throttle is less than what turbulence does; it is one-sided, and comes for moments.
     for share in [0.01, 0.04] {
-        let said = diagnose(
-            |_| rig(),
-            |_| {
-                let mut written = 0.0_f64;
-                Box::new(move || {
-                    let (number, since) = (written.div_euclid(BETWEEN), written.rem_euclid(BETWEEN));
-                    let begins = (BETWEEN - LENGTH) * (0.618 * number).fract();
-                    written += 1.0;
-                    if (begins..begins + LENGTH).contains(&since) { share } else { 0.0 }
-                })
-            },
-        );
+        let said = missing(share, 40.0, 3.0);
         assert!(is_unknown(&said), "{share}: {:#?}", said.candidates);
     }
+}
+
+#[test]
+fn moments_that_come_often_are_not_taken_for_turbulence() {
+    // Each is less than the turbulence that the null finds once it takes them in.
+    let said = missing(0.004, 24.0, 4.0);
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
 }
 
 #[test]
