@@ -83,6 +83,18 @@ impl Fit {
         random::added(&self.point, &self.noise, problem.rig)
     }
 
+    /// What priors take beyond so many sigmas from numbers of the rig and from the forms of laws, nats: sizes of effects are not
+    /// among them, which may be any.
+    pub fn odd_nats(&self) -> f64 {
+        let bends = |f: &&Free| match f.at {
+            Coordinate::Nuisance(_) => true,
+            Coordinate::Effect { slot, parameter } => self.point.parameter(slot, parameter).default.is_some(),
+        };
+        let sigmas = |f: &Free| (f.own(self.point.get(f.at)) - f.mean) / f.sigma;
+        let beyond = |f: &Free| 0.5 * (sigmas(f).powi(2) - ODD_SIGMAS.powi(2)).max(0.0);
+        self.free.iter().filter(bends).map(beyond).sum()
+    }
+
     /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
     /// parameters that were fitted; sigma is widened by a factor, and a fraction of the value is added to it in squares,
     /// but for parameters that are themselves the form of a law, and of a ceiling's height a fraction of what flights did
@@ -167,6 +179,8 @@ const LEVEL_ROUNDS: usize = 2;
 
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
+/// Numbers of the rig, and forms of laws, further off with all effects in, for bent by one that is not known.
+const ODD_SIGMAS: f64 = 3.3;
 
 /// The parameter that is started where flights end, and from how many heights.
 const CEILING: &str = "ceiling_m";
@@ -651,12 +665,16 @@ impl Descent {
         self.damping > FIRST_DAMPING || self.promise() < worth
     }
 
-    /// The next step of the coordinates, and what it and that of the noise promise, nats.
+    /// The next step of the coordinates, and what it, were it as long as it would, and that of the noise promise, nats.
     fn next(&self) -> Option<(DVector<f64>, f64)> {
+        if self.damping > MOST_DAMPING {
+            return None;
+        }
         let (hessian, gradient) = within_ranges(&self.free, &self.here);
-        let step = damped_step(&hessian, &gradient, self.damping).filter(|_| self.damping <= MOST_DAMPING)?;
-        let promise = 0.5 * gradient.dot(&step) + self.here.noise_step.2;
-        Some((step, promise))
+        let hessian = damped(&hessian, self.damping);
+        let whole = hessian.clone().cholesky()?.solve(&gradient);
+        let step = limited_step(&self.free, &hessian, &gradient)?;
+        Some((step, 0.5 * gradient.dot(&whole) + self.here.noise_step.2))
     }
 
     /// One pass, where its step promises so many nats; whether it was made.
@@ -665,9 +683,7 @@ impl Descent {
         let here = &mut self.here;
         let mut point = here.point.clone();
         for (f, dx) in self.free.iter().zip(step.iter()) {
-            let limit = LONGEST_STEP * f.sigma;
-            let own = f.own(point.get(f.at)) + dx.clamp(-limit, limit);
-            *point.get_mut(f.at) = f.value(own);
+            *point.get_mut(f.at) = f.value(f.own(point.get(f.at)) + dx);
         }
         let mut noise = here.noise;
         noise.turbulence *= here.noise_step.0.exp();
@@ -695,10 +711,7 @@ fn within_ranges(free: &[Free], here: &Look) -> (DMatrix<f64>, DVector<f64>) {
     for (i, f) in free.iter().enumerate() {
         let value = here.point.get(f.at);
         if value <= f.range.0 && gradient[i] < 0.0 || value >= f.range.1 && gradient[i] > 0.0 {
-            hessian.row_mut(i).fill(0.0);
-            hessian.column_mut(i).fill(0.0);
-            hessian[(i, i)] = 1.0;
-            gradient[i] = 0.0;
+            hold(&mut hessian, &mut gradient, i, 0.0);
         }
     }
     (hessian, gradient)
@@ -791,16 +804,46 @@ fn log_evidence(objective: f64, free: &[Free], hessian: &DMatrix<f64>) -> f64 {
     -objective - ln_prior_widths - half_ln_det
 }
 
-pub(crate) fn damped_step(
-    hessian: &DMatrix<f64>,
-    gradient: &DVector<f64>,
-    damping: f64,
-) -> Option<DVector<f64>> {
+fn damped(hessian: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
     let mut damped = hessian.clone();
     for i in 0..damped.nrows() {
         damped[(i, i)] *= 1.0 + damping;
     }
-    Some(damped.cholesky()?.solve(gradient))
+    damped
+}
+
+/// The Newton step in which no coordinate moves by more than [`LONGEST_STEP`] of its prior's deviations: the others move to
+/// where they are best beside those that are held back, or what two of them do together would come apart.
+pub(crate) fn limited_step(
+    free: &[Free],
+    hessian: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+) -> Option<DVector<f64>> {
+    let (mut hessian, mut gradient) = (hessian.clone(), gradient.clone());
+    let mut held = vec![false; free.len()];
+    loop {
+        let step = hessian.clone().cholesky()?.solve(&gradient);
+        let limit = |i: usize| LONGEST_STEP * free[i].sigma;
+        let beyond: Vec<usize> =
+            (0..free.len()).filter(|i| !held[*i] && step[*i].abs() > limit(*i)).collect();
+        if beyond.is_empty() {
+            return Some(step);
+        }
+        for i in beyond {
+            held[i] = true;
+            let at = step[i].clamp(-limit(i), limit(i));
+            gradient -= hessian.column(i) * at;
+            hold(&mut hessian, &mut gradient, i, at);
+        }
+    }
+}
+
+/// Makes one coordinate of a step what it is to be.
+fn hold(hessian: &mut DMatrix<f64>, gradient: &mut DVector<f64>, i: usize, at: f64) {
+    hessian.row_mut(i).fill(0.0);
+    hessian.column_mut(i).fill(0.0);
+    hessian[(i, i)] = 1.0;
+    gradient[i] = at;
 }
 
 /// How far a start may be stretched when its effect is taken as linear in its sizes: to the other side where sizes have

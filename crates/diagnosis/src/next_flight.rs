@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use crate::{
     diagnose::Candidate,
-    fit::{Fit, Free, Problem, directions},
+    fit::{Fit, Free, Problem, directions, limited_step},
     law::{BIAS, LATENCY, Point},
     pass::{Noise, Pass, run},
     random::{self, is_random},
@@ -136,10 +136,9 @@ const DROP_M: f64 = 0.2;
 /// Time in the air, s: that of the longest flight given, within these bounds.
 const SHORTEST_S: f64 = 12.0;
 const LONGEST_S: f64 = 40.0;
-/// Passes of a re-fit, what a step must promise, nats, and how far it may go, prior deviations.
+/// Passes of a re-fit, and what a step must promise, nats.
 const REFIT_PASSES: usize = 8;
 const WORTH_A_STEP: f64 = 0.05;
-const LONGEST_STEP: f64 = 2.0;
 /// Factors of turbulence by which a wrong hypothesis may excuse itself.
 const TURBULENCE_FACTORS: [f64; 8] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 16.0];
 /// Deviation beyond which an expected innovation counts linearly, as in the filter.
@@ -463,14 +462,13 @@ fn expect(
     let mut here = look(start.unwrap_or(&fit.point).clone());
     let mut share = 1.0;
     for _ in 0..if truth.is_some() { REFIT_PASSES } else { 0 } {
-        let step = (before + &here.information).cholesky()?.solve(&here.gradient) * share;
+        let step = limited_step(free, &(before + &here.information), &here.gradient)? * share;
         if here.gradient.dot(&step) < WORTH_A_STEP {
             break;
         }
         let mut next = here.point.clone();
         for (f, dx) in free.iter().zip(step.iter()) {
-            let limit = LONGEST_STEP * f.sigma;
-            *next.get_mut(f.at) = f.value(f.own(here.point.get(f.at)) + dx.clamp(-limit, limit));
+            *next.get_mut(f.at) = f.value(f.own(here.point.get(f.at)) + dx);
         }
         let there = look(next);
         if there.pass.nll + there.cost < here.pass.nll + here.cost {

@@ -68,7 +68,7 @@ struct PinLaw {
 
 /// What scales that differ between flights explain.
 struct Scales {
-    /// Half the squared residuals, capped, in sigmas.
+    /// Half the squared residuals, capped, in sigmas, and what the scales cost.
     excess: f64,
     /// Gain over one scale, nats.
     gain: f64,
@@ -219,7 +219,7 @@ impl PinChannel<'_> {
         if self.flights.len() < LEAST_FLIGHTS {
             return None;
         }
-        let min = self.rig.airframe.sticks.min;
+        let (min, max) = (self.rig.airframe.sticks.min, self.rig.airframe.sticks.max);
         let scale = |pins: &[Pin]| {
             let above = || pins.iter().filter(|pin| pin.commanded > min);
             let rough = median(above().map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())?;
@@ -234,15 +234,15 @@ impl PinChannel<'_> {
             Some(if xx > 0.0 { xy / xx } else { rough })
         };
         let excess = |pins: &[Pin], scale: f64| {
-            let sizes =
-                pins.iter().map(|pin| capped(pin.readback - min - scale * (pin.commanded - min), self.sigma));
-            sizes.sum::<f64>()
+            // No pin leaves the range, whatever its scale.
+            let held = |pin: &Pin| (min + scale * (pin.commanded - min)).min(max);
+            pins.iter().map(|pin| capped(pin.readback - held(pin), self.sigma)).sum::<f64>()
         };
         let shared = scale(&self.flights.concat())?;
         let (mut gain, mut left, mut range) = (-LAW_COST, 0.0, (shared, shared));
         for pins in &self.flights {
             let own = scale(pins).unwrap_or(shared);
-            left += excess(pins, own);
+            left += excess(pins, own) + SCALE_COST;
             gain += excess(pins, shared) - excess(pins, own) - SCALE_COST;
             range = (range.0.min(own), range.1.max(own));
         }
@@ -476,9 +476,8 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     }
     let (lag, play) = (channel.lag(), channel.play());
     // No law of the library changes a scale. Where that leaves but noise, none of those with many numbers is asked for more.
-    let gain = |law: &PinLaw| ordinary - law.excess - LAW_COST;
-    let plain = [&lag, &play].into_iter().flatten().map(gain).fold(0.0, f64::max);
-    if let Some(scales) = scales.filter(|scales| scales.gain > plain) {
+    let plain = [&lag, &play].into_iter().flatten().map(|law| law.excess).fold(f64::MAX, f64::min);
+    if let Some(scales) = scales.filter(|scales| scales.excess < plain) {
         out.findings.push(Finding {
             channel: "readback",
             text: format!(

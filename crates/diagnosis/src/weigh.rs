@@ -165,8 +165,12 @@ impl Weighed {
         let rest = Rest::of(best, &search.fits[best.fit], &on_null, waves, direct);
         let mut left = rest.unexplained(best, [forgiven, forgiven.max(crowd * FORGIVEN_OFFSETS_NATS)]);
         let beyond = pulses - forgiven_pulses(best, uneven(problem), crowd);
-        if beyond > 0.0 {
-            left = left.max(beyond);
+        // An unknown law need not bend what is known; a number alone that is off is what some effects are.
+        let odd = if best.effects.is_empty() { 0.0 } else { search.fits[best.fit].odd_nats() };
+        for beyond in [beyond, odd] {
+            if beyond > 0.0 {
+                left = left.max(beyond);
+            }
         }
         let only_gusts = only_gusts(&search.fits[best.fit]);
         if only_gusts {
@@ -174,7 +178,7 @@ impl Weighed {
             left = left.max(self::pulses(problem, &search.fits[0]) - best.gain);
         }
         // Wind never leaves anything: it takes in what it does not explain.
-        let nothing_left = !only_gusts && rest.most().max(pulses) < NOTHING_LEFT_NATS;
+        let nothing_left = !only_gusts && rest.most().max(pulses).max(odd) < NOTHING_LEFT_NATS;
         let unknown_gain = best.gain + left;
         let posterior = |temperature: f64| {
             let at = |prior: f64, gain: f64| prior + gain / temperature;

@@ -172,3 +172,19 @@ fn thrust_that_depends_on_where_the_airframe_was_is_no_known_effect() {
     assert!(is_unknown(&said), "{:#?}", said.candidates);
     assert!(said.place.unexplained_past > 10.0);
 }
+
+#[test]
+fn a_law_that_must_bend_out_of_all_usual_forms_is_not_named() {
+    // Motors that lose thrust once they are warm: a discharge would have to begin late, and then to grow fast.
+    let said = diagnose(
+        |_| rig(),
+        |_| {
+            let mut commands = 0.0_f64;
+            Box::new(move || {
+                commands += 1.0;
+                1e-6 * (commands - 60.0).max(0.0).powi(2)
+            })
+        },
+    );
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
+}
