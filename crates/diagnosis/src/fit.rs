@@ -179,8 +179,9 @@ const LEVEL_ROUNDS: usize = 2;
 
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
-/// Numbers of the rig, and forms of laws, further off with all effects in, for bent by one that is not known.
-const ODD_SIGMAS: f64 = 3.3;
+/// Numbers of the rig, and forms of laws, further off with all effects in, for bent by one that is not known; the range of
+/// a ceiling's exponent ends before that.
+const ODD_SIGMAS: f64 = 3.1;
 
 /// The parameter that is started where flights end, and from how many heights.
 const CEILING: &str = "ceiling_m";
@@ -364,7 +365,8 @@ impl<'a> Problem<'a> {
 
     /// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
     /// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no
-    /// size at which it is like what acts late; a ceiling from many heights about where flights end, for it is narrow.
+    /// size at which it is like what acts late; of one that is the ratio of one way to the other, also another ratio, as what rectifies
+    /// is like nothing that does not; a ceiling from many heights about where flights end, for it is narrow.
     pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
         let under_ceiling = has_ceiling(effect);
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
@@ -374,6 +376,9 @@ impl<'a> Problem<'a> {
                 _ if p.key == CEILING => self.ceilings_m(),
                 (Prior::Normal { mean, sigma }, _) if p.default.is_some() && p.unit == "s" => {
                     vec![mean, mean + sigma]
+                }
+                (Prior::LogNormal { median, sigma_ln }, _) if p.default == Some(1.0) && !under_ceiling => {
+                    vec![median, median * (1.2 * sigma_ln).exp()]
                 }
                 _ if p.default.is_some() => p.default.into_iter().collect(),
                 (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],

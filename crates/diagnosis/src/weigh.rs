@@ -30,6 +30,9 @@ const FORGIVEN_NONE_UNEVEN_NATS: f64 = 7.0;
 const FORGIVEN_PULSES_NATS: f64 = 18.0;
 /// flights of even noise without an effect do not come near.
 const FORGIVEN_NONE_PULSES_NATS: f64 = 4.0;
+/// Forgiven of numbers and forms that are odd: with so much more a named law is as likely as not another, for `unknown` has ten times
+/// the prior of each.
+const FORGIVEN_ODD_NATS: f64 = 10.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
 const SECOND_LAW: (f64, f64) = (6.0, 0.105);
@@ -165,12 +168,13 @@ impl Weighed {
         let rest = Rest::of(best, &search.fits[best.fit], &on_null, waves, direct);
         let mut left = rest.unexplained(best, [forgiven, forgiven.max(crowd * FORGIVEN_OFFSETS_NATS)]);
         let beyond = pulses - forgiven_pulses(best, uneven(problem), crowd);
-        // An unknown law need not bend what is known; a number alone that is off is what some effects are.
+        if beyond > 0.0 {
+            left = left.max(beyond);
+        }
+        // An unknown law need not bend what is known, nor be two; a number alone that is off is what some effects are.
         let odd = if best.effects.is_empty() { 0.0 } else { search.fits[best.fit].odd_nats() };
-        for beyond in [beyond, odd] {
-            if beyond > 0.0 {
-                left = left.max(beyond);
-            }
+        if odd > 0.0 {
+            left = left.max(odd - FORGIVEN_ODD_NATS - best.forgiven);
         }
         let only_gusts = only_gusts(&search.fits[best.fit]);
         if only_gusts {

@@ -575,3 +575,10 @@ fn what_leaves_nothing_is_not_unknown() {
     // Noise on top of a law counts for less, a law over thrust alone leaves little to be forgiven: yet nothing was left to suspect.
     assert_both_named("thrust-curve:curvature=-0.45,cubic=0.06", "tracker-noise:sigma_m=0.0056");
 }
+
+#[test]
+fn a_rotor_that_slows_down_later_than_it_speeds_up_is_named() {
+    // It rectifies changes of thrust: a lag that does not gains next to nothing, from where no step leads further.
+    let said = diagnose(&["rotor-lag:time_constant_s=0.016,fall_ratio=4"]);
+    assert_eq!(said.effects, ["rotor-lag"], "{:#?}", &said.candidates[..3]);
+}
