@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::{
     direct::evenly_in_log,
-    law::{Coordinate, Point},
+    law::{Coordinate, DRAG, OFFSET, Point},
     pass::{Direction, LIFT_OFF_M_S, NEAR_GROUND_ACCELERATION, Noise, PROBES, Pass, fly_track, run},
     random, settle,
     track::Track,
@@ -83,11 +83,11 @@ impl Fit {
         random::added(&self.point, &self.noise, problem.rig)
     }
 
-    /// What priors take beyond so many sigmas from numbers of the rig and from the forms of laws, nats: sizes of effects are not
-    /// among them, which may be any.
+    /// What priors take beyond so many sigmas from the forms of laws and from numbers of the rig, nats: sizes of effects are not
+    /// among them, which may be any, nor numbers that an effect of the library moves.
     pub fn odd_nats(&self) -> f64 {
         let bends = |f: &&Free| match f.at {
-            Coordinate::Nuisance(_) => true,
+            Coordinate::Nuisance(i) => [OFFSET, DRAG].contains(&i),
             Coordinate::Effect { slot, parameter } => self.point.parameter(slot, parameter).default.is_some(),
         };
         let sigmas = |f: &Free| (f.own(self.point.get(f.at)) - f.mean) / f.sigma;
@@ -179,7 +179,7 @@ const LEVEL_ROUNDS: usize = 2;
 
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
-/// Numbers of the rig, and forms of laws, further off with all effects in, for bent by one that is not known; the range of
+/// Forms of laws, and numbers of the rig, further off with all effects in, for bent by one that is not known; the range of
 /// a ceiling's exponent ends before that.
 const ODD_SIGMAS: f64 = 3.1;
 

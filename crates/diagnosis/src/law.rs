@@ -30,6 +30,8 @@ const MASS: usize = 0;
 pub const GAIN: usize = 1;
 /// Index of the thrust's offset.
 pub const OFFSET: usize = 2;
+/// Index of the drag.
+pub const DRAG: usize = 5;
 /// Index of the latency among the nuisances.
 pub const LATENCY: usize = 6;
 /// Index of the tracker's origin.

@@ -171,10 +171,10 @@ impl Weighed {
         if beyond > 0.0 {
             left = left.max(beyond);
         }
-        // An unknown law need not bend what is known, nor be two; a number alone that is off is what some effects are.
+        // An unknown law need not bend what is known, nor be two.
         let odd = if best.effects.is_empty() { 0.0 } else { search.fits[best.fit].odd_nats() };
         if odd > 0.0 {
-            left = left.max(odd - FORGIVEN_ODD_NATS - best.forgiven);
+            left = left.max(odd - crowd * FORGIVEN_ODD_NATS - best.forgiven);
         }
         let only_gusts = only_gusts(&search.fits[best.fit]);
         if only_gusts {
