@@ -83,16 +83,22 @@ impl Fit {
         random::added(&self.point, &self.noise, problem.rig)
     }
 
-    /// What priors take beyond so many sigmas from the forms of laws and from numbers of the rig, nats: sizes of effects are not
-    /// among them, which may be any, nor numbers that an effect of the library moves.
+    /// What forms of laws, and numbers of the rig, that are out of the usual speak against the hypothesis, nats: sizes of effects are
+    /// not among them, which may be any, nor numbers that an effect of the library moves.
     pub fn odd_nats(&self) -> f64 {
-        let bends = |f: &&Free| match f.at {
-            Coordinate::Nuisance(i) => [OFFSET, DRAG].contains(&i),
-            Coordinate::Effect { slot, parameter } => self.point.parameter(slot, parameter).default.is_some(),
+        let beyond = |f: &Free| {
+            let sigmas2 = ((f.own(self.point.get(f.at)) - f.mean) / f.sigma).powi(2);
+            match f.at {
+                Coordinate::Nuisance(OFFSET | DRAG) => 0.5 * (sigmas2 - ODD_SIGMAS.powi(2)).max(0.0),
+                Coordinate::Effect { slot, parameter }
+                    if self.point.parameter(slot, parameter).default.is_some() =>
+                {
+                    ODD_FORM_NATS * (sigmas2 - ODD_FORM_SIGMAS.powi(2)).max(0.0)
+                }
+                _ => 0.0,
+            }
         };
-        let sigmas = |f: &Free| (f.own(self.point.get(f.at)) - f.mean) / f.sigma;
-        let beyond = |f: &Free| 0.5 * (sigmas(f).powi(2) - ODD_SIGMAS.powi(2)).max(0.0);
-        self.free.iter().filter(bends).map(beyond).sum()
+        self.free.iter().map(beyond).sum()
     }
 
     /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
@@ -179,9 +185,11 @@ const LEVEL_ROUNDS: usize = 2;
 
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
-/// Forms of laws, and numbers of the rig, further off with all effects in, for bent by one that is not known; the range of
-/// a ceiling's exponent ends before that.
+/// Numbers further off with all effects in, for bent by one that is not known.
 const ODD_SIGMAS: f64 = 3.1;
+/// The same of forms of laws, and how much each further sigma squared counts: their priors are wide, and end.
+const ODD_FORM_SIGMAS: f64 = 2.2;
+const ODD_FORM_NATS: f64 = 2.0;
 
 /// The parameter that is started where flights end, and from how many heights.
 const CEILING: &str = "ceiling_m";
@@ -193,6 +201,11 @@ const HIGHEST_CEILING: f64 = 1.3;
 const LOST_ONE_IN: usize = 200;
 const LEAST_TOP_M: f64 = 0.1;
 
+/// The share from which a form that is a share of the whole is started besides.
+const SMALL_SHARE: f64 = 0.2;
+
+/// An airframe that is held against a ceiling is seen within so many sigma below where flights were seen highest.
+const HELD_SIGMAS: f64 = 4.0;
 /// Shares of its ordinary gain with which a ceiling is tried that stopped flights.
 const AGAINST_CEILING: [f64; 3] = [0.03, 0.2, 1.0];
 
@@ -366,7 +379,8 @@ impl<'a> Problem<'a> {
     /// Values of an effect's parameters to start from: sizes of either sign at one sigma, alone and together, others over
     /// their prior; the plainest form, and of a form that is a delay also one sigma of it, as what acts at once may have no
     /// size at which it is like what acts late; of one that is the ratio of one way to the other, also another ratio, as what rectifies
-    /// is like nothing that does not; a ceiling from many heights about where flights end, for it is narrow.
+    /// is like nothing that does not, and of one that is a share of the whole, a small share; a ceiling from many heights about where
+    /// flights end, for it is narrow.
     pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
         let under_ceiling = has_ceiling(effect);
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
@@ -380,6 +394,8 @@ impl<'a> Problem<'a> {
                 (Prior::LogNormal { median, sigma_ln }, _) if p.default == Some(1.0) && !under_ceiling => {
                     vec![median, median * (1.2 * sigma_ln).exp()]
                 }
+                // A small part that reaches far is like no whole that reaches less far.
+                (Prior::Normal { .. }, _) if p.default == Some(1.0) => vec![1.0, SMALL_SHARE],
                 _ if p.default.is_some() => p.default.into_iter().collect(),
                 (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
                 (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],
@@ -397,12 +413,23 @@ impl<'a> Problem<'a> {
         grid
     }
 
-    /// A point with a ceiling that stopped the flights where they were seen highest, for several shapes of its gain.
+    /// A point with a ceiling that stopped the flights where they were seen highest, or where they were held, for several shapes of
+    /// its gain.
     fn against_ceiling(&self, point: &Point, effect: usize) -> Vec<Point> {
         let highest_m = self.tracks.iter().map(Track::highest_m).fold(self.top_m, f64::max);
+        let below_m = highest_m - HELD_SIGMAS * self.noise.sighting_m;
+        let mut held_m: Vec<f64> = self
+            .tracks
+            .iter()
+            .flat_map(|track| &track.sightings)
+            .map(|sighting| sighting.z_m)
+            .filter(|z_m| *z_m > below_m)
+            .collect();
+        held_m.sort_by(f64::total_cmp);
+        let held_m = held_m.get(held_m.len() / 2).copied().unwrap_or(highest_m);
         let grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values = match p.prior {
-                _ if p.key == CEILING => vec![highest_m],
+                _ if p.key == CEILING => vec![highest_m, held_m],
                 _ if p.default.is_some() => p.default.into_iter().collect(),
                 // Flights that are pushed against it hard were gained hardly anything before.
                 Prior::LogNormal { median, .. } if p.neutral.is_some() => {

@@ -15,15 +15,20 @@ use crate::{
 };
 
 /// Laws of another form leave some structure even where their cause is named rightly: so many nats are forgiven before a
-/// gap counts as unexplained, and this share of the winner's own gain.
+/// gap counts as unexplained, and this share of what the winner's laws gain.
 const FORGIVEN_NATS: f64 = 7.0;
 const FORGIVEN_SHARE: f64 = 0.2;
 /// The same of offsets of the tracker and of a drift from flight to flight, which laws of another form look less like.
 const FORGIVEN_OFFSETS_SHARE: f64 = 0.1;
-/// So much of them is forgiven in any case: of numbers at the edge of their tolerances comes as much.
-const FORGIVEN_OFFSETS_NATS: f64 = 5.0;
+/// The same, in any place, of what noise gains: it has no structure of which another form might leave some.
+const FORGIVEN_OF_NOISE_SHARE: f64 = 0.03;
 /// Forgiven where nothing is named: flights without an effect leave next to nothing,
 const FORGIVEN_NONE_NATS: f64 = 3.5;
+/// but for what numbers at the edge of their tolerances leave, which looks like an offset of the tracker or like the altitude of
+/// late, and for a drift from flight to flight.
+const FORGIVEN_NONE_OFFSETS_NATS: f64 = 6.5;
+const FORGIVEN_NONE_PAST_NATS: f64 = 7.5;
+const FORGIVEN_NONE_DRIFT_NATS: f64 = 4.0;
 /// unless their noise was seen to differ from flight to flight: what is not the model's noise differs with it.
 const FORGIVEN_NONE_UNEVEN_NATS: f64 = 7.0;
 /// Forgiven of pushes that come now and then: flights whose noise was seen to differ reach it, and laws of another form,
@@ -35,7 +40,7 @@ const FORGIVEN_NONE_PULSES_NATS: f64 = 4.0;
 const FORGIVEN_ODD_NATS: f64 = 10.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
-const SECOND_LAW: (f64, f64) = (6.0, 0.105);
+const SECOND_LAW: (f64, f64) = (6.0, 0.04);
 /// or the same nats and so many times what the first is seen to leave along its own quantities, where that is less;
 const FORM_SEEN: f64 = 2.0;
 /// so many nats more for a second along the same quantities, which may itself be another form of the first;
@@ -54,7 +59,7 @@ const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.001);
 const ODD_SIGHTINGS: (f64, f64) = (8.0, 0.03);
 const ODD: [&str; 3] = ["tracker-jitter", "tracker-dropout", "tracker-outliers"];
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
-const SECOND_BESIDE_CHANNEL_NATS: f64 = 4.0;
+const SECOND_BESIDE_CHANNEL_NATS: f64 = 3.0;
 /// Less than this, nats, in any place that is looked at, is nothing that calls for another cause.
 const NOTHING_LEFT_NATS: f64 = 2.0;
 /// In doubt, evidence counts so many times less.
@@ -68,10 +73,9 @@ const FORM_NATS: f64 = 3.0;
 const FORM_OF_GAIN: f64 = 0.25;
 const FORM_BELIEVED: f64 = 0.7;
 /// So much of its gain may lie along an effect's own quantities without being called unknown.
-const FORM_LEFT_OF_GAIN: f64 = 0.4;
-/// A law over thrust alone, of which flights see a small range, is smooth there: both shares are less.
+const FORM_LEFT_OF_GAIN: f64 = 0.05;
+/// A law over thrust alone, of which flights see a small range, is smooth there: less is forgiven of what lies elsewhere, too.
 const SMOOTH: &str = "thrust-curve";
-const SMOOTH_LEFT_OF_GAIN: f64 = 0.05;
 
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
@@ -163,11 +167,10 @@ impl Weighed {
             if best.fit == 0 { waves_on_null.clone() } else { waves(problem, &search.fits[best.fit]) };
         let pulses = pulses(problem, &search.fits[best.fit]);
         let waves = [waves_on_null.highest().1, waves_on_best.highest().1];
-        let of_none = if uneven(problem) { FORGIVEN_NONE_UNEVEN_NATS } else { FORGIVEN_NONE_NATS };
-        let forgiven = crowd * if best.effects.is_empty() { of_none } else { FORGIVEN_NATS };
         let rest = Rest::of(best, &search.fits[best.fit], &on_null, waves, direct);
-        let mut left = rest.unexplained(best, [forgiven, forgiven.max(crowd * FORGIVEN_OFFSETS_NATS)]);
-        let beyond = pulses - forgiven_pulses(best, uneven(problem), crowd);
+        let forgiven = Forgiven::of(best, &hypotheses, uneven(problem), crowd);
+        let mut left = rest.unexplained(&forgiven);
+        let beyond = pulses - forgiven.pulses;
         if beyond > 0.0 {
             left = left.max(beyond);
         }
@@ -505,18 +508,74 @@ fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis], crowd: f64
     }
 }
 
-/// Pushes that come now and then which count for nothing, nats: a law of another form leaves some too, wind does not.
-fn forgiven_pulses(best: &Hypothesis, uneven: bool, crowd: f64) -> f64 {
-    if best.effects.is_empty() && !uneven {
-        return crowd * FORGIVEN_NONE_PULSES_NATS;
-    }
-    let windy = best.effects.iter().any(|effect| LIBRARY[*effect].name == "gusts");
-    crowd * FORGIVEN_PULSES_NATS + if windy { 0.0 } else { FORGIVEN_SHARE * best.gain.max(0.0) }
-}
-
 /// Whether a fit names gusts and nothing else that the filter sees.
 fn only_gusts(fit: &Fit) -> bool {
     matches!(fit.effects().as_slice(), &[effect] if LIBRARY[effect].name == "gusts")
+}
+
+/// What counts for nothing of what a hypothesis leaves, nats.
+struct Forgiven {
+    /// Of structure and of swings.
+    moment: f64,
+    /// What it counts that nothing is left of them.
+    clean: f64,
+    /// Of what was of late.
+    past: f64,
+    /// Of an offset of the tracker.
+    offset: f64,
+    /// Of a difference from flight to flight.
+    drift: f64,
+    /// Of pushes that come now and then.
+    pulses: f64,
+}
+
+impl Forgiven {
+    fn of(best: &Hypothesis, all: &[Hypothesis], uneven: bool, crowd: f64) -> Self {
+        if best.effects.is_empty() {
+            return if uneven {
+                let nats = crowd * FORGIVEN_NONE_UNEVEN_NATS;
+                Self {
+                    moment: nats,
+                    clean: nats,
+                    past: nats,
+                    offset: nats,
+                    drift: nats,
+                    pulses: crowd * FORGIVEN_PULSES_NATS,
+                }
+            } else {
+                Self {
+                    moment: crowd * FORGIVEN_NONE_NATS,
+                    clean: crowd * FORGIVEN_NONE_NATS,
+                    past: crowd * FORGIVEN_NONE_PAST_NATS,
+                    offset: crowd * FORGIVEN_NONE_OFFSETS_NATS,
+                    drift: crowd * FORGIVEN_NONE_DRIFT_NATS,
+                    pulses: crowd * FORGIVEN_NONE_PULSES_NATS,
+                }
+            };
+        }
+        let gain = best.gain.max(0.0);
+        let (noises, laws): (Vec<usize>, Vec<usize>) =
+            best.effects.iter().partition(|effect| is_random(**effect));
+        let of_noise = if laws.is_empty() {
+            gain
+        } else {
+            all.iter().filter(|h| h.effects == noises).map(|h| h.gain).fold(0.0, f64::max).min(gain)
+        };
+        let of_gain = |share: f64| share * (gain - of_noise) + share.min(FORGIVEN_OF_NOISE_SHARE) * of_noise;
+        let smooth = !laws.is_empty() && laws.iter().all(|effect| LIBRARY[*effect].name == SMOOTH);
+        let windy = noises.iter().any(|effect| LIBRARY[*effect].name == "gusts");
+        let nats = crowd * FORGIVEN_NATS;
+        let share = if smooth { FORM_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
+        Self {
+            moment: nats + of_gain(share),
+            clean: nats + share * gain,
+            past: nats + of_gain(FORGIVEN_SHARE),
+            offset: nats + of_gain(FORGIVEN_OFFSETS_SHARE),
+            drift: nats + of_gain(FORGIVEN_OFFSETS_SHARE),
+            // A law of another form leaves some too, wind does not.
+            pulses: crowd * FORGIVEN_PULSES_NATS + if windy { 0.0 } else { of_gain(FORGIVEN_SHARE) },
+        }
+    }
 }
 
 /// What no known law explains on top of a hypothesis, nats.
@@ -527,12 +586,12 @@ struct Rest {
     wave: f64,
     /// An acceleration by what was of late.
     past: f64,
-    /// An offset of the tracker, or what differs from flight to flight.
+    /// An offset of the tracker.
     offset: f64,
+    /// What differs from flight to flight.
+    drift: f64,
     /// Readbacks.
     pins: f64,
-    /// Share of the hypothesis' own gain that is forgiven.
-    share: f64,
 }
 
 impl Rest {
@@ -540,38 +599,49 @@ impl Rest {
         best: &Hypothesis,
         fit: &Fit,
         on_null: &Regions,
-        [wave_on_null, mut wave]: [f64; 2],
+        [wave_on_null, wave]: [f64; 2],
         direct: &Direct,
     ) -> Self {
         let on_best = best.regions.as_ref().unwrap_or(on_null);
         let gain = best.gain.max(0.0);
-        let mut laws = best.effects.iter().filter(|effect| !is_random(**effect)).peekable();
-        let smooth = laws.peek().is_some() && laws.all(|effect| LIBRARY[*effect].name == SMOOTH);
-        let form_left = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORM_LEFT_OF_GAIN };
-        let share = if smooth { SMOOTH_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
-        let mut structure = on_best.ceiling - on_best.form.min(form_left * gain);
+        let mut rest = Self {
+            structure: on_best.ceiling - on_best.form.min(FORM_LEFT_OF_GAIN * gain),
+            wave,
+            past: on_best.past,
+            offset: on_best.offset(),
+            drift: on_best.drift,
+            pins: direct.unexplained_pins,
+        };
         if only_gusts(fit) {
             // Wind has no structure: what a law would have explained, no gust does.
-            structure = structure.max(on_null.ceiling);
-            wave = wave.max(wave_on_null - 0.5 * gain);
+            rest.structure = rest.structure.max(on_null.ceiling);
+            rest.past = rest.past.max(on_null.past);
+            rest.offset = rest.offset.max(on_null.offset());
+            rest.drift = rest.drift.max(on_null.drift);
+            rest.wave = rest.wave.max(wave_on_null - 0.5 * gain);
         }
-        let offset = on_best.offset().max(on_best.drift);
-        Self { structure, wave, past: on_best.past, offset, pins: direct.unexplained_pins, share }
+        rest
     }
 
     /// The most of it in any one place.
     fn most(&self) -> f64 {
-        [self.structure, self.wave, self.past, self.offset, self.pins].into_iter().fold(0.0, f64::max)
+        [self.structure, self.wave, self.past, self.offset, self.drift, self.pins]
+            .into_iter()
+            .fold(0.0, f64::max)
     }
 
     /// All of it beyond what is forgiven; below zero where less is left.
-    fn unexplained(&self, best: &Hypothesis, [forgiven, of_offsets]: [f64; 2]) -> f64 {
-        let gain = best.gain.max(0.0);
+    fn unexplained(&self, forgiven: &Forgiven) -> f64 {
         let left = self.structure.max(self.wave).max(0.7 * (self.structure + self.wave));
-        let mut flight = left - forgiven - self.share * gain;
-        let past = self.past - forgiven - FORGIVEN_SHARE * gain;
-        let offset = self.offset - of_offsets - FORGIVEN_OFFSETS_SHARE * gain;
-        let beyond = past.max(offset);
+        // Less than what is forgiven counts against it in proportion.
+        let against = (forgiven.clean / forgiven.moment).max(1.0);
+        let mut flight = left - forgiven.moment;
+        if flight < 0.0 {
+            flight *= against;
+        }
+        let beyond = [self.past - forgiven.past, self.offset - forgiven.offset, self.drift - forgiven.drift]
+            .into_iter()
+            .fold(0.0, f64::max);
         if beyond > 0.0 {
             flight = flight.max(beyond);
         }

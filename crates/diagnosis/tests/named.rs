@@ -119,6 +119,16 @@ fn a_ceiling_that_is_hit_is_found_where_it_hangs() {
 }
 
 #[test]
+fn a_ceiling_that_flights_stick_to_is_found_where_it_hangs() {
+    // It draws the airframe so hard that it comes away late. Where flights are held, sightings scatter about the ceiling: the highest is
+    // off by more than what a fit finds back from.
+    let diagnosis = diagnose(&["ceiling-effect:gain=0.24,ceiling_m=0.6186,decay_m=0.05,exponent=1.9"]);
+    assert_eq!(diagnosis.effects, ["ceiling-effect"], "{:#?}", &diagnosis.candidates[..2]);
+    let found = diagnosis.candidates[0].parameters.iter().find(|p| p.name == "ceiling_m").unwrap();
+    assert!((found.value - 0.6186).abs() < rig().tracker.resolution_m, "{found:?}");
+}
+
+#[test]
 fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
     for (text, name, form, planted, plainest) in [
         ("rotor-lag:time_constant_s=0.12,fall_ratio=3", "rotor-lag", "fall_ratio", 3.0, 1.0),
@@ -132,6 +142,8 @@ fn an_effect_in_another_form_is_one_effect_and_its_form_is_told() {
             0.0,
         ),
         ("ground-effect-shape:stretch=2.4,exponent=5,share=0.3", "ground-effect-shape", "share", 0.3, 1.0),
+        // A far tail of a tenth: as a whole that reaches further it gains nothing.
+        ("ground-effect-shape:stretch=2.4,exponent=8,share=0.12", "ground-effect-shape", "share", 0.12, 1.0),
         (
             "descent-thrust-loss:fraction=0.2,speed_m_s=0.4,exponent=1",
             "descent-thrust-loss",

@@ -49,7 +49,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             meaning: "power of the distance in the exponential",
             min: 0.3,
             max: 4.0,
-            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.4 },
+            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.55 },
             neutral: None,
             default: Some(1.0),
         },

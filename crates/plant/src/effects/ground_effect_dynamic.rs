@@ -29,7 +29,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             meaning: "time constant of fading over that of building up",
             min: 0.1,
             max: 10.0,
-            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.5 },
+            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.75 },
             neutral: None,
             default: Some(1.0),
         },

@@ -39,7 +39,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             meaning: "share of the ground effect that has this shape; the rest has the nominal one",
             min: 0.0,
             max: 2.0,
-            prior: Prior::Normal { mean: 1.0, sigma: 0.4 },
+            prior: Prior::Normal { mean: 1.0, sigma: 0.5 },
             neutral: None,
             default: Some(1.0),
         },

@@ -71,7 +71,7 @@ pub(super) const SECOND_ORDER: Parameter = Parameter {
     meaning: "coefficient a of a tau^2 x'': 0 a first-order lag, up to 1/4 two lags in series, beyond it overshoots, with a damping ratio of 1/(2 sqrt(a))",
     min: 0.0,
     max: 1.5,
-    prior: Prior::Normal { mean: 0.0, sigma: 0.35 },
+    prior: Prior::Normal { mean: 0.0, sigma: 0.6 },
     neutral: None,
     default: Some(0.0),
 };

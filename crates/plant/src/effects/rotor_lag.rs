@@ -31,7 +31,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             meaning: "time constant of slowing down over that of speeding up",
             min: 0.1,
             max: 10.0,
-            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.5 },
+            prior: Prior::LogNormal { median: 1.0, sigma_ln: 0.75 },
             neutral: None,
             default: Some(1.0),
         },

@@ -18,7 +18,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             unit: "1",
             meaning: "share p of all frames that is lost",
             min: 0.0,
-            max: 0.5,
+            max: 0.95,
             prior: Prior::LogNormal { median: 0.03, sigma_ln: 1.0 },
             neutral: Some(0.0),
             default: None,
