@@ -189,7 +189,7 @@ const BENT_SIGMAS: f64 = 3.0;
 const ODD_SIGMAS: f64 = 3.1;
 /// The same of forms of laws, and how much each further sigma squared counts: their priors are wide, and end.
 const ODD_FORM_SIGMAS: f64 = 2.2;
-const ODD_FORM_NATS: f64 = 2.0;
+const ODD_FORM_NATS: f64 = 6.0;
 
 /// The parameter that is started where flights end, and from how many heights.
 const CEILING: &str = "ceiling_m";

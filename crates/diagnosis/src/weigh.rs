@@ -35,8 +35,7 @@ const FORGIVEN_NONE_UNEVEN_NATS: f64 = 7.0;
 const FORGIVEN_PULSES_NATS: f64 = 18.0;
 /// flights of even noise without an effect do not come near.
 const FORGIVEN_NONE_PULSES_NATS: f64 = 4.0;
-/// Forgiven of numbers and forms that are odd: with so much more a named law is as likely as not another, for `unknown` has ten times
-/// the prior of each.
+/// Forgiven of numbers and forms that are odd.
 const FORGIVEN_ODD_NATS: f64 = 10.0;
 /// What a second effect must gain, nats and share of what the first gains alone, because the first's law may be of another
 /// form: a law on top of a law,
@@ -177,7 +176,7 @@ impl Weighed {
         // An unknown law need not bend what is known, nor be two.
         let odd = if best.effects.is_empty() { 0.0 } else { search.fits[best.fit].odd_nats() };
         if odd > 0.0 {
-            left = left.max(odd - crowd * FORGIVEN_ODD_NATS - best.forgiven);
+            left = left.max(counted(odd, crowd * FORGIVEN_ODD_NATS + best.forgiven, forgiven.clean));
         }
         let only_gusts = only_gusts(&search.fits[best.fit]);
         if only_gusts {
@@ -556,14 +555,15 @@ impl Forgiven {
         let gain = best.gain.max(0.0);
         let (noises, laws): (Vec<usize>, Vec<usize>) =
             best.effects.iter().partition(|effect| is_random(**effect));
-        let of_noise = if laws.is_empty() {
-            gain
-        } else {
-            all.iter().filter(|h| h.effects == noises).map(|h| h.gain).fold(0.0, f64::max).min(gain)
+        let alone = |effects: &[usize]| {
+            all.iter().filter(|h| h.effects == effects).map(|h| h.gain).fold(0.0, f64::max).min(gain)
         };
+        let of_noise = if laws.is_empty() { gain } else { alone(&noises) };
         let of_gain = |share: f64| share * (gain - of_noise) + share.min(FORGIVEN_OF_NOISE_SHARE) * of_noise;
         let smooth = !laws.is_empty() && laws.iter().all(|effect| LIBRARY[*effect].name == SMOOTH);
-        let windy = noises.iter().any(|effect| LIBRARY[*effect].name == "gusts");
+        let wind: Vec<usize> =
+            noises.iter().copied().filter(|effect| LIBRARY[*effect].name == "gusts").collect();
+        let of_wind = if wind.is_empty() { 0.0 } else { alone(&wind) };
         let nats = crowd * FORGIVEN_NATS;
         let share = if smooth { FORM_LEFT_OF_GAIN } else { FORGIVEN_SHARE };
         Self {
@@ -572,10 +572,16 @@ impl Forgiven {
             past: nats + of_gain(FORGIVEN_SHARE),
             offset: nats + of_gain(FORGIVEN_OFFSETS_SHARE),
             drift: nats + of_gain(FORGIVEN_OFFSETS_SHARE),
-            // A law of another form leaves some too, wind does not.
-            pulses: crowd * FORGIVEN_PULSES_NATS + if windy { 0.0 } else { of_gain(FORGIVEN_SHARE) },
+            // A law of another form leaves some too, and sightings that are wrong or old; wind does not.
+            pulses: crowd * FORGIVEN_PULSES_NATS + FORGIVEN_SHARE * (gain - of_wind),
         }
     }
+}
+
+/// What is left beyond what is forgiven. Less than that counts against another cause in proportion, nothing at all as `clean`.
+fn counted(left: f64, forgiven: f64, clean: f64) -> f64 {
+    let beyond = left - forgiven;
+    if beyond < 0.0 { beyond * (clean / forgiven).max(1.0) } else { beyond }
 }
 
 /// What no known law explains on top of a hypothesis, nats.
@@ -633,12 +639,7 @@ impl Rest {
     /// All of it beyond what is forgiven; below zero where less is left.
     fn unexplained(&self, forgiven: &Forgiven) -> f64 {
         let left = self.structure.max(self.wave).max(0.7 * (self.structure + self.wave));
-        // Less than what is forgiven counts against it in proportion.
-        let against = (forgiven.clean / forgiven.moment).max(1.0);
-        let mut flight = left - forgiven.moment;
-        if flight < 0.0 {
-            flight *= against;
-        }
+        let mut flight = counted(left, forgiven.moment, forgiven.clean);
         let beyond = [self.past - forgiven.past, self.offset - forgiven.offset, self.drift - forgiven.drift]
             .into_iter()
             .fold(0.0, f64::max);
