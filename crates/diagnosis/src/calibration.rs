@@ -62,14 +62,14 @@ impl Calibration {
     /// 680 sets of flights of the bench's own simulator and 400 of two strangers'.
     pub fn built_in() -> Self {
         Self {
-            temperature: 2.6,
+            temperature: 2.8,
             doubt: 0.18,
             ln_prior_none: 0.05,
             ln_prior_single: -2.4,
             ln_prior_pair: -3.7,
             ln_prior_unknown: -0.4,
             none_power: 8.0,
-            hidden_first: 0.2,
+            hidden_first: 0.25,
             hidden_unknown: 0.35,
             none_told: (1.5, -0.1),
             hidden_second: 0.08,

@@ -555,10 +555,15 @@ impl Forgiven {
         let gain = best.gain.max(0.0);
         let (noises, laws): (Vec<usize>, Vec<usize>) =
             best.effects.iter().partition(|effect| is_random(**effect));
+        // Noise that is read directly leaves in flights what they have without it.
         let alone = |effects: &[usize]| {
-            all.iter().filter(|h| h.effects == effects).map(|h| h.gain).fold(0.0, f64::max).min(gain)
+            all.iter()
+                .filter(|h| h.effects == effects)
+                .map(|h| h.grounds.flight)
+                .fold(0.0, f64::max)
+                .min(gain)
         };
-        let of_noise = if laws.is_empty() { gain } else { alone(&noises) };
+        let of_noise = if laws.is_empty() { best.grounds.flight.clamp(0.0, gain) } else { alone(&noises) };
         let of_gain = |share: f64| share * (gain - of_noise) + share.min(FORGIVEN_OF_NOISE_SHARE) * of_noise;
         let smooth = !laws.is_empty() && laws.iter().all(|effect| LIBRARY[*effect].name == SMOOTH);
         let wind: Vec<usize> =

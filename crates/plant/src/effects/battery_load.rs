@@ -38,7 +38,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             meaning: "share of the sag that comes and goes at once",
             min: 0.0,
             max: 1.0,
-            prior: Prior::Normal { mean: 0.0, sigma: 0.5 },
+            prior: Prior::Normal { mean: 0.0, sigma: 0.4 },
             neutral: None,
             default: Some(0.0),
         },
