@@ -474,9 +474,11 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     if scales.is_none() && ordinary - floor < LAW_COST {
         return;
     }
-    let (lag, play) = (channel.lag(), channel.play());
     // No law of the library changes a scale. Where that leaves but noise, none of those with many numbers is asked for more.
-    let plain = [&lag, &play].into_iter().flatten().map(|law| law.excess).fold(f64::MAX, f64::min);
+    let of_one_number = [channel.lag(), channel.play(), channel.quantisation(), channel.fine_quantisation()]
+        .map(Option::into_iter);
+    let of_one_number: Vec<PinLaw> = of_one_number.into_iter().flatten().collect();
+    let plain = of_one_number.iter().map(|law| law.excess).fold(f64::MAX, f64::min);
     if let Some(scales) = scales.filter(|scales| scales.excess < plain) {
         out.findings.push(Finding {
             channel: "readback",
@@ -488,19 +490,9 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         out.unexplained_pins = scales.gain.min(MOST_DIRECT);
         return;
     }
-    let mut laws: Vec<PinLaw> = [
-        channel.saturation(),
-        channel.quantisation(),
-        channel.fine_quantisation(),
-        channel.treads(),
-        lag,
-        play,
-        channel.backlash(false),
-        channel.backlash(true),
-    ]
-    .into_iter()
-    .flatten()
-    .collect();
+    let of_many = [channel.saturation(), channel.treads(), channel.backlash(false), channel.backlash(true)]
+        .map(Option::into_iter);
+    let mut laws: Vec<PinLaw> = of_one_number.into_iter().chain(of_many.into_iter().flatten()).collect();
     laws.sort_by(|a, b| a.excess.total_cmp(&b.excess));
     let Some((leading, alone)) = laws.first().map(|law| (law.effect, law.excess)) else { return };
     let both = if alone > floor + LAW_COST { chain(&channel) } else { None };

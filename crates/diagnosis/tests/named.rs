@@ -318,8 +318,8 @@ fn jitter_of_more_than_a_frame_is_jitter_and_hides_no_wind() {
 
 #[test]
 fn steps_finer_than_the_outputs_are_quantisation() {
-    // An output of 8 bits has steps of 0.0039 of its range.
-    for step in [0.0015, 0.003, 0.006] {
+    // An output of 8 bits has steps of 0.0039 of its range. Nearly as long ones look like a scale, another in each flight.
+    for step in [0.0015, 0.003, 0.0038, 0.006] {
         let said = diagnose(&[&format!("actuator-quantisation:step_fraction={step}")]);
         assert_eq!(said.effects, ["actuator-quantisation"], "{step}: {:#?}", &said.candidates[..2]);
         let found = said.candidates[0].parameters[0].value;
