@@ -27,6 +27,7 @@ mod readback;
 mod region;
 mod search;
 mod settle;
+mod sight;
 mod smooth;
 mod stage;
 mod track;

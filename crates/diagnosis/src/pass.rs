@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Law, Point, Reach},
+    sight::{Scored, Sight},
     smooth::Knot,
     track::{Felt, Sighting, Track, held},
 };
@@ -252,11 +253,18 @@ struct Probe {
     p: Covariance,
     /// Its state less the filter's.
     aside: State,
+    /// How probably the last sighting was of an older frame than its own.
+    stale: f64,
 }
 
 impl Probe {
     fn around(noise: &Noise) -> [Self; 4] {
-        let mut probes = [Self { noise: *noise, p: initial_covariance(noise), aside: [0.0; 4] }; 4];
+        let mut probes = [Self {
+            noise: *noise,
+            p: initial_covariance(noise),
+            aside: [0.0; 4],
+            stale: noise.stale_probability,
+        }; 4];
         for (i, (probe, ln_factor)) in probes.iter_mut().zip(PROBES).enumerate() {
             if i < 2 {
                 probe.noise.turbulence *= ln_factor.exp();
@@ -284,8 +292,6 @@ const NEAR_GROUND_STEP_S: f64 = 0.034;
 const STEP_OF_GROUND_EFFECT: f64 = 0.125;
 const LEAST_STEP_S: f64 = 0.003;
 const NEAR_HEIGHTS: f64 = 3.0;
-/// A repeated reading is stale if it is so many sigma off the prediction.
-const STALE_SIGMAS: f64 = 2.5;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
 pub const NEAR_GROUND_M: f64 = 0.07;
 /// Process noise there, m/s^2 per root Hz.
@@ -294,8 +300,6 @@ pub const NEAR_GROUND_ACCELERATION: f64 = 0.024;
 pub const LIFT_OFF_M: f64 = 0.001;
 /// Spread of speed then, m/s.
 pub const LIFT_OFF_M_S: f64 = 0.04;
-/// Innovations beyond this many sigma count linearly.
-const HUBER: f64 = 4.0;
 
 struct Twin {
     source: Source,
@@ -337,6 +341,8 @@ struct Filter {
     counting: bool,
     /// When and where the airframe was last seen.
     last_seen: Option<(f64, f64)>,
+    /// How probably the last sighting was of an older frame than its own.
+    stale: f64,
     step_m: f64,
     frame_s: f64,
     /// Whether the airframe is carried, and where and when it was last seen so.
@@ -453,6 +459,7 @@ impl Filter {
             standing: true,
             counting: false,
             last_seen: None,
+            stale: noise.stale_probability,
             step_m: rig.tracker.resolution_m.max(1e-4),
             frame_s: rig.tracker.frame_period_s,
             carried: false,
@@ -747,8 +754,9 @@ impl Filter {
             factor,
             speed_m_s: v,
             timing_s,
-            // Near the ground it may rest where the model has it move.
-            repeats: sighting.z_m > NEAR_GROUND_M && last_m == sighting.z_m,
+            repeats: last_m == sighting.z_m,
+            flies: last_m > NEAR_GROUND_M,
+            from_last_m: last_m - predicted,
             step_m: self.step_m,
             frame_s: self.frame_s,
             since_s: sighting.exposed_s - last_s,
@@ -768,35 +776,36 @@ impl Filter {
             *out = factor * twin.sensitivity[0] + shift;
         }
         self.last_seen = Some((sighting.exposed_s, sighting.z_m));
-        let (nll, s, weight) = seen.score(&self.p, &self.noise, residual);
+        let scored = seen.score(&self.p, &self.noise, residual, self.stale);
+        self.stale = scored.stale;
         self.counting = sighting.counts;
         if sighting.counts {
-            self.tally(residual, nll, s, weight);
+            self.tally(&scored);
             let axes = self.axes();
             self.pass.innovations.push(Innovation {
                 exposed_s: sighting.exposed_s,
                 residual_m: residual,
-                variance_m2: s,
-                nll,
+                variance_m2: scored.variance,
+                nll: scored.nll,
                 axes,
             });
         }
         for (probe, sum) in self.probes.iter_mut().zip(&mut self.pass.noise_nll) {
-            let own = residual - factor * probe.aside[0];
-            let (nll, s, weight) = seen.score(&probe.p, &probe.noise, own);
+            let own = seen.score(&probe.p, &probe.noise, residual - factor * probe.aside[0], probe.stale);
+            probe.stale = own.stale;
             if sighting.counts {
-                *sum += nll;
+                *sum += own.nll;
             }
-            let k = learn(&mut probe.p, factor, s, weight);
+            let k = learn(&mut probe.p, factor, &own);
             // Against the base, which moves by its own gain below.
             for (x, k) in probe.aside.iter_mut().zip(k) {
-                *x += k * own;
+                *x += k * own.residual;
             }
         }
         self.predict(sighting, residual, factor);
         let predicted = (self.x, self.p);
-        let k = learn(&mut self.p, factor, s, weight);
-        self.moved(k, residual);
+        let k = learn(&mut self.p, factor, &scored);
+        self.moved(k, scored.residual);
         if sighting.counts && sighting.exposed_s >= self.next_fork_s {
             self.forks.push(Fork { begin_s: sighting.exposed_s, aside: [0.0; 4], passed: 0 });
             self.next_fork_s = sighting.exposed_s + FORK_EVERY_S;
@@ -817,12 +826,12 @@ impl Filter {
 
 impl Filter {
     /// Adds an innovation, whose slopes are in `row`, to likelihood, gradient and information.
-    fn tally(&mut self, residual: f64, nll: f64, s: f64, weight: f64) {
-        self.pass.nll += nll;
+    fn tally(&mut self, scored: &Scored) {
+        self.pass.nll += scored.nll;
         let mut first = 0;
         for (i, slope) in self.row.iter().enumerate() {
-            let weighted = weight * slope / s;
-            self.pass.gradient[i] += weighted * residual;
+            let weighted = scored.weight * slope / scored.variance;
+            self.pass.gradient[i] += weighted * scored.residual;
             for (sum, other) in self.lower[first..=first + i].iter_mut().zip(&self.row) {
                 *sum += weighted * other;
             }
@@ -876,18 +885,18 @@ impl Filter {
 
     /// Takes a measurement with slopes `h` by the state, and those by the directions in `row`.
     fn take(&mut self, residual: f64, h: State, sigma: f64) {
-        let (nll, s, weight) = bounded(residual, spread_of(&self.p, &h) + sigma * sigma);
-        self.tally(residual, nll, s, weight);
+        let scored = Scored::bounded(residual, spread_of(&self.p, &h) + sigma * sigma);
+        self.tally(&scored);
         for (probe, sum) in self.probes.iter_mut().zip(&mut self.pass.noise_nll) {
             let own = residual - h.iter().zip(&probe.aside).map(|(h, x)| h * x).sum::<f64>();
-            let (nll, s, weight) = bounded(own, spread_of(&probe.p, &h) + sigma * sigma);
-            *sum += nll;
-            let k = learn_along(&mut probe.p, &h, s, weight);
+            let own = Scored::bounded(own, spread_of(&probe.p, &h) + sigma * sigma);
+            *sum += own.nll;
+            let k = learn_along(&mut probe.p, &h, &own);
             for (x, k) in probe.aside.iter_mut().zip(k) {
-                *x += k * own;
+                *x += k * own.residual;
             }
         }
-        let k = learn_along(&mut self.p, &h, s, weight);
+        let k = learn_along(&mut self.p, &h, &scored);
         self.moved(k, residual);
     }
 
@@ -989,86 +998,6 @@ fn stopped(p: &mut Covariance) {
     }
 }
 
-/// A sighting beside its prediction.
-struct Sight {
-    factor: f64,
-    speed_m_s: f64,
-    timing_s: f64,
-    /// It is the same as the one before.
-    repeats: bool,
-    /// Resolution, m.
-    step_m: f64,
-    /// Between two frames, and since the sighting before, s.
-    frame_s: f64,
-    since_s: f64,
-}
-
-/// How much older than it seems a sighting may be, frames.
-const MOST_STALE_FRAMES: u32 = 10;
-
-impl Sight {
-    /// Negative log-likelihood, variance of the innovation, and its weight (Huber's).
-    #[inline]
-    fn score(&self, p: &Covariance, noise: &Noise, residual: f64) -> (f64, f64, f64) {
-        let blur2 = (self.factor * self.speed_m_s).powi(2) * (self.timing_s.powi(2) + noise.jitter_s.powi(2));
-        let s = self.factor * self.factor * p[0][0] + noise.sighting_m.powi(2) + blur2;
-        let u2 = residual * residual / s;
-        if noise.outlier_probability > 0.0 {
-            // A mixture: the sighting is of something else with some probability.
-            let wide = s + noise.outlier_m.powi(2);
-            let narrow = (1.0 - noise.outlier_probability) * (-0.5 * u2).exp() / s.sqrt();
-            let far = noise.outlier_probability * (-0.5 * residual * residual / wide).exp() / wide.sqrt();
-            let total = (narrow + far).max(1e-300);
-            return (-total.ln(), s, narrow / total);
-        }
-        if noise.stale_probability > 0.0 {
-            // Bounded as without: what no hypothesis explains is not to speak against this one.
-            let (nll, _, bound) = bounded(residual, s);
-            let density = |nll: f64| (-nll).exp() / std::f64::consts::TAU.sqrt();
-            let fresh = (1.0 - noise.stale_probability) * density(nll);
-            // The newest frame at hand is as much older as frames after it were lost: where none came since the sighting before,
-            // it is that one's, unless that was an older one still.
-            let ends = noise.stale_frames.max(1.0).recip();
-            let (mut older, mut same, mut lost) = (0.0, 0.0, noise.stale_probability);
-            let since_last = (self.since_s / self.frame_s).round();
-            for frames in (1..MOST_STALE_FRAMES).map(f64::from) {
-                let late_m = self.factor * self.speed_m_s * frames * self.frame_s;
-                let mut chance = lost * ends;
-                lost -= chance;
-                if frames >= since_last {
-                    same += chance;
-                    chance *= noise.stale_probability;
-                }
-                older += chance * density(bounded(residual + late_m, s).0);
-            }
-            // The same reading again has a probability, not a density: that over the width of a step.
-            // Readings that a fresh frame would give too say nothing: rounding repeats them.
-            let again = if self.repeats && u2 > STALE_SIGMAS * STALE_SIGMAS {
-                (same + lost) / self.step_m
-            } else {
-                0.0
-            };
-            let total = (fresh + older + again).max(1e-300);
-            // As without, but for the constant that all others leave out.
-            return (-total.ln() - 0.5 * std::f64::consts::TAU.ln(), s, bound * fresh / total);
-        }
-        bounded(residual, s)
-    }
-}
-
-/// Negative log-likelihood of an innovation of variance `s`, that variance, and its weight: normal, and beyond a few sigma
-/// linear (Huber).
-#[inline]
-fn bounded(residual: f64, s: f64) -> (f64, f64, f64) {
-    let u2 = residual * residual / s;
-    if u2 <= HUBER * HUBER {
-        (0.5 * u2 + 0.5 * s.ln(), s, 1.0)
-    } else {
-        let u = u2.sqrt();
-        (HUBER * u - 0.5 * HUBER * HUBER + 0.5 * s.ln(), s, HUBER / u)
-    }
-}
-
 /// Variance of a measurement with slopes `h` by the state.
 fn spread_of(p: &Covariance, h: &State) -> f64 {
     let along = |row: &State| row.iter().zip(h).map(|(p, h)| p * h).sum::<f64>();
@@ -1076,9 +1005,9 @@ fn spread_of(p: &Covariance, h: &State) -> f64 {
 }
 
 /// Takes a measurement with slopes `h` by the state into a covariance; the gain.
-fn learn_along(p: &mut Covariance, h: &State, s: f64, weight: f64) -> State {
+fn learn_along(p: &mut Covariance, h: &State, scored: &Scored) -> State {
     let ph = p.map(|row| row.iter().zip(h).map(|(p, h)| p * h).sum::<f64>());
-    let k = ph.map(|ph| ph / s * weight);
+    let k = ph.map(|ph| ph / scored.variance * scored.weight);
     for (row, k) in p.iter_mut().zip(k) {
         for (p, ph) in row.iter_mut().zip(ph) {
             *p -= k * ph;
@@ -1089,8 +1018,8 @@ fn learn_along(p: &mut Covariance, h: &State, s: f64, weight: f64) -> State {
 
 /// Takes a sighting into a covariance; the gain.
 #[inline]
-fn learn(p: &mut Covariance, factor: f64, s: f64, weight: f64) -> State {
-    let k = [0, 1, 2, 3].map(|i| p[i][0] * factor / s * weight);
+fn learn(p: &mut Covariance, factor: f64, scored: &Scored) -> State {
+    let k = [0, 1, 2, 3].map(|i| p[i][0] * factor / scored.variance * scored.weight);
     let top = p[0];
     for (row, k) in p.iter_mut().zip(k) {
         for (p, top) in row.iter_mut().zip(top) {

@@ -194,15 +194,22 @@ impl<'a> OnTop<'a> {
     /// Noise and effect from which to search, if they promise anything.
     fn coarse(&self, base: &Fit, effect: usize) -> Option<(Noise, Vec<f64>)> {
         // The base's noise was bent to do the effect's work: from what was thought of it before.
-        let mut noise = base.noise;
-        match LIBRARY[effect].name {
-            "gusts" => noise.turbulence = self.problem.noise.turbulence,
-            "tracker-jitter" | "tracker-dropout" => {}
-            _ => noise.sighting_m = self.problem.noise.sighting_m,
-        }
-        let (value, start) = grid(&self.own)
+        let usual = self.problem.noise;
+        let noises = match LIBRARY[effect].name {
+            "gusts" => vec![Noise { turbulence: usual.turbulence, ..base.noise }],
+            "tracker-jitter" => vec![base.noise],
+            // Readings that are held look like air that is still, and then like a blow.
+            "tracker-dropout" => {
+                let before =
+                    Noise { turbulence: usual.turbulence, sighting_m: usual.sighting_m, ..base.noise };
+                vec![base.noise, before]
+            }
+            _ => vec![Noise { sighting_m: usual.sighting_m, ..base.noise }],
+        };
+        let (value, noise, start) = noises
             .into_iter()
-            .map(|values| (self.objective(base, &noise, &values), values))
+            .flat_map(|noise| grid(&self.own).into_iter().map(move |values| (noise, values)))
+            .map(|(noise, values)| (self.objective(base, &noise, &values), noise, values))
             .min_by(|a, b| a.0.total_cmp(&b.0))?;
         worth(value, base).then_some((noise, start))
     }

@@ -38,6 +38,9 @@ const FITTED: [&str; 16] = [
 const TILTED: f64 = 0.995;
 /// The best singles on which pairs are built.
 const PAIR_BASES: usize = 3;
+/// Of kinds of noise so many, which gain such a share of what the best of them does.
+const SPREAD_BASES: usize = 2;
+const SPREAD_SHARE: f64 = 0.6;
 /// So many of the most promising are fitted.
 const SINGLES_REFINED: usize = 14;
 const PAIRS_REFINED: usize = 5;
@@ -148,7 +151,13 @@ impl Search {
             .filter(|single| single.log_evidence > null.log_evidence + WORTH_A_SECOND)
             .collect();
         if let Some(strongest) = spreads.first() {
-            pairs.extend(seconds(strongest, &effects, SECONDS_UNFOLDED));
+            let gain = |spread: &Fit| spread.log_evidence - null.log_evidence;
+            // A law may hide which of two kinds of noise it is.
+            for spread in spreads.iter().take(SPREAD_BASES) {
+                if gain(spread) >= SPREAD_SHARE * gain(strongest) {
+                    pairs.extend(seconds(spread, &effects, SECONDS_UNFOLDED));
+                }
+            }
             let leads = is_random(singles[0].point.effects[0].0);
             pairs.extend(pairs_of_noise(problem, &null, &spreads, if leads { &random } else { &[] }));
         }

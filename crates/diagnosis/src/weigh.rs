@@ -50,6 +50,8 @@ const SECOND_NOISE: (f64, f64) = (8.0, 0.05);
 const SECOND_READINGS: (f64, f64) = (20.0, 0.1);
 /// a law on top of noise, whose size the law hardly bends,
 const LAW_ON_NOISE: (f64, f64) = (4.0, 0.0005);
+/// or on top of frames that are lost, of whose ages only the most probable are learnt from,
+const LAW_ON_LOST: (f64, f64) = (4.0, 0.01);
 /// a law on top of gusts, which are never quite the model's,
 const LAW_ON_GUSTS: (f64, f64) = (6.0, 0.2);
 /// two kinds of noise, which spread sightings each in its own way,
@@ -444,7 +446,11 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
         let odd = effects.iter().all(|effect| ODD.contains(&LIBRARY[*effect].name));
         if odd { ODD_SIGHTINGS } else { NOISE_ON_NOISE }
     } else if search.alone(&[noise]) >= search.alone(&[law]) {
-        if LIBRARY[noise].name == "gusts" { LAW_ON_GUSTS } else { LAW_ON_NOISE }
+        match LIBRARY[noise].name {
+            "gusts" => LAW_ON_GUSTS,
+            "tracker-dropout" => LAW_ON_LOST,
+            _ => LAW_ON_NOISE,
+        }
     } else if ["tracker-dropout", "tracker-outliers"].contains(&LIBRARY[noise].name) {
         SECOND_READINGS
     } else {
