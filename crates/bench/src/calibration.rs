@@ -1,9 +1,11 @@
-//! A diagnosis' calibration for one rig and its missions, learnt from simulated nominal flights and kept in the cache.
+//! A diagnosis' calibration for one rig and its missions, learnt from simulated flights and kept in the cache.
+
+mod causes;
 
 use std::{fs, path::PathBuf};
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Problem, Track, alarm_margin};
+use bench_diagnosis::{Calibration, Outcome, Problem, Track, Verdict, alarm_margin, verdict};
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Location, Mission, Model, Rig, Uncertain};
 use bench_run::simulate;
@@ -15,9 +17,13 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
-const GENERATION: &str = "bench.calibration/7";
+const GENERATION: &str = "bench.calibration/8";
 /// Fewest sets that show a tail of false alarms.
 const LEAST_SETS: usize = 50;
+/// Sets with causes for each nominal one.
+const WITH_CAUSES: usize = 3;
+/// Seed of the first of them, far from those of the nominal ones.
+const FIRST_WITH_CAUSES: u64 = 1 << 40;
 /// Ordinary turbulence, m/s: drawn evenly in the logarithm.
 const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
 
@@ -76,30 +82,23 @@ pub fn cached(rig: &Rig, missions: &Missions) -> Option<Calibration> {
     serde_json::from_slice(&fs::read(path(rig, missions)?).ok()?).ok()
 }
 
-/// Flies nominal flights within the rig's tolerances, sees how near each set comes to a false alarm, and keeps what that
-/// teaches.
+/// Flies nominal flights within the rig's tolerances and sees how near each set comes to a false alarm, then flights with causes
+/// of the library and sees how often each kind of verdict is right. Keeps what that teaches.
 pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibration> {
     if sets < LEAST_SETS {
         bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see a tail of false alarms");
     }
     let flown = missions.or_usual()?;
-    let bar = ProgressBar::new(sets as u64).with_style(
-        ProgressStyle::with_template("calibrating {bar:40} {pos}/{len} sets, {eta} left")
+    let bar = ProgressBar::new(((1 + WITH_CAUSES) * sets) as u64).with_style(
+        ProgressStyle::with_template("calibrating {bar:40} {pos}/{len} sets ({msg}), {eta} left")
             .unwrap_or_else(|_| ProgressStyle::default_bar()),
     );
+    bar.set_message("nominal");
     let built_in = Calibration::built_in();
     let margins = (0..sets as u64)
         .into_par_iter()
         .map(|set| {
-            let real = drawn(rig, set);
-            let mut tracks = Vec::new();
-            for (index, mission) in flown.iter().enumerate() {
-                let mut records: Vec<Record> = Vec::new();
-                simulate(&real, mission, set * 1000 + index as u64, &mut records, |_| true)?;
-                let flight = Flight::from_records(Session::new(Mode::Sim), records);
-                // A flight that tells nothing is left out, as of real ones.
-                tracks.extend(Track::from_flight(&mission.name, &flight, rig));
-            }
+            let tracks = tracks(&drawn(rig, set), rig, &flown, set)?;
             if tracks.is_empty() {
                 bail!("none of the missions' simulated flights can be diagnosed on this rig");
             }
@@ -108,8 +107,38 @@ pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Cali
             Ok(margin)
         })
         .collect::<anyhow::Result<Vec<f64>>>()?;
-    bar.finish_and_clear();
     let learnt = built_in.with_margins(margins, format!("calibrated for rig {}", rig.name));
+    bar.set_message("with causes");
+    let untold = learnt.untold();
+    let outcomes = causes::planned(rig, WITH_CAUSES * sets)
+        .into_par_iter()
+        .enumerate()
+        .map(|(case, causes)| {
+            let set = FIRST_WITH_CAUSES + case as u64;
+            let mut real = rig.clone();
+            real.effects.extend(causes.iter().cloned());
+            let tracks = tracks(&drawn(&real, set), rig, &flown, set)?;
+            // A case of which there is no flight tells nothing.
+            let outcome = (!tracks.is_empty()).then(|| {
+                let told = verdict(&Problem::new(&tracks, rig), &untold);
+                let named = |cause: &EffectEntry| told.effects.contains(&cause.name.as_str());
+                let right = told.verdict != Verdict::Unknown
+                    && told.effects.len() == causes.len()
+                    && causes.iter().all(named);
+                Outcome { told, right }
+            });
+            bar.inc(1);
+            Ok(outcome)
+        })
+        .collect::<anyhow::Result<Vec<Option<Outcome>>>>()?;
+    bar.finish_and_clear();
+    let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
+    if outcomes.is_empty() {
+        bail!(
+            "none of the missions' simulated flights with an effect or without can be diagnosed on this rig"
+        );
+    }
+    let learnt = learnt.with_outcomes(&outcomes);
     if let Some(path) = path(rig, missions) {
         let folder = path.parent().context("the cache has no folder")?;
         fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -117,6 +146,18 @@ pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Cali
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(learnt)
+}
+
+/// A set of flights of a rig as another one sees them. A flight that tells nothing is left out, as of real ones.
+fn tracks(real: &Rig, rig: &Rig, flown: &[Mission], set: u64) -> anyhow::Result<Vec<Track>> {
+    let mut tracks = Vec::new();
+    for (index, mission) in flown.iter().enumerate() {
+        let mut records: Vec<Record> = Vec::new();
+        simulate(real, mission, set * 1000 + index as u64, &mut records, |_| true)?;
+        let flight = Flight::from_records(Session::new(Mode::Sim), records);
+        tracks.extend(Track::from_flight(&mission.name, &flight, rig));
+    }
+    Ok(tracks)
 }
 
 /// An airframe within the rig's tolerances in ordinary air.

@@ -5,7 +5,7 @@ use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
 use crate::{
-    calibration::Calibration,
+    calibration::{Calibration, Told},
     direct::{Direct, Finding, direct},
     fit::{Fit, Problem},
     gap::{Gap, gap},
@@ -224,39 +224,61 @@ const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
 const SET_PROBABILITY: f64 = 0.9;
 
+/// The verdict of [`Diagnosis::of`], without all that goes with it.
+pub fn verdict(problem: &Problem<'_>, calibration: &Calibration) -> Told {
+    weighed(problem, calibration, |_, _, _, weighed| weighed.told())
+}
+
+/// Weighs what explains flights, for the problem as it is after a look at the pins and at the flights' levels.
+fn weighed<T>(
+    problem: &Problem<'_>,
+    calibration: &Calibration,
+    then: impl FnOnce(&Problem<'_>, &Search, &Direct, &Weighed) -> T,
+) -> T {
+    let direct = direct(problem.tracks, problem.rig);
+    // Pins that are known not to hold what they were told are believed as they were read, noise and all, unless they moved on
+    // afterwards.
+    let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
+        let mut tracks = problem.tracks.to_vec();
+        for track in &mut tracks {
+            if direct.lag_of_pins.is_some() {
+                track.as_commanded();
+                track.begin_with_thrust(problem.rig);
+            } else {
+                track.at_pins(|input, pin| input.throttle = pin.readback);
+            }
+        }
+        tracks
+    });
+    let tracks = read.as_deref().unwrap_or(problem.tracks);
+    let problem = &problem.with_tracks(tracks);
+    let levelled = problem.levelled();
+    let tracks = levelled.as_deref().unwrap_or(problem.tracks);
+    let problem = &problem.with_tracks(tracks);
+    let search = Search::of(problem);
+    let weighed = Weighed::of(problem, &search, &direct, calibration);
+    then(problem, &search, &direct, &weighed)
+}
+
 impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
-        let direct = direct(problem.tracks, problem.rig);
-        // Pins that are known not to hold what they were told are believed as they were read, noise and all, unless they moved on
-        // afterwards.
-        let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
-            let mut tracks = problem.tracks.to_vec();
-            for track in &mut tracks {
-                if direct.lag_of_pins.is_some() {
-                    track.as_commanded();
-                    track.begin_with_thrust(problem.rig);
-                } else {
-                    track.at_pins(|input, pin| input.throttle = pin.readback);
-                }
-            }
-            tracks
-        });
-        let tracks = read.as_deref().unwrap_or(problem.tracks);
-        let problem = &problem.with_tracks(tracks);
-        let levelled = problem.levelled();
-        let tracks = levelled.as_deref().unwrap_or(problem.tracks);
-        let problem = &problem.with_tracks(tracks);
-        let search = Search::of(problem);
-        let weighed = Weighed::of(problem, &search, &direct, calibration);
+        weighed(problem, calibration, |problem, search, direct, weighed| {
+            Self::found(problem, search, direct, weighed, calibration)
+        })
+    }
+
+    fn found(
+        problem: &Problem<'_>,
+        search: &Search,
+        direct: &Direct,
+        weighed: &Weighed,
+        calibration: &Calibration,
+    ) -> Self {
         let null = &search.fits[0];
-        let candidates = candidates(problem, &weighed, &search, &direct);
+        let candidates = candidates(problem, weighed, search, direct);
         let top = &candidates[0];
-        let verdict = match top.name.as_str() {
-            "none" => Verdict::None,
-            "unknown" => Verdict::Unknown,
-            _ => Verdict::Effect,
-        };
+        let verdict = weighed.told().verdict;
         // What is named, or else the best that has a fit of its own, stands for "with the effect".
         let named =
             weighed.hypotheses.iter().find(|h| verdict == Verdict::Effect && h.names() == top.effects);
@@ -288,7 +310,7 @@ impl Diagnosis {
                 sighting_nominal_m: problem.noise.sighting_m,
             },
             gap: gap(problem, null, best),
-            place: place(problem, top, &weighed, &search, &direct),
+            place: place(problem, top, weighed, search, direct),
             direct: direct.findings.clone(),
             traces: traces(problem, null),
             flights: problem

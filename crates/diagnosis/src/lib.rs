@@ -33,10 +33,10 @@ mod stage;
 mod track;
 mod weigh;
 
-pub use calibration::Calibration;
+pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
 pub use diagnose::{
     Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, ParameterValue, Place,
-    RegionTold, Verdict,
+    RegionTold, Verdict, verdict,
 };
 pub use direct::Finding;
 pub use fit::{Fit, Free, Problem};

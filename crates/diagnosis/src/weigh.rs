@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
-    calibration::Calibration,
+    calibration::{Calibration, Telling, Told},
+    diagnose::Verdict,
     direct::{Direct, direct},
     fit::{Fit, Problem},
     pulse::pulses,
@@ -134,6 +135,8 @@ pub struct Weighed {
     pub unknown_gain: f64,
     /// Its probability.
     pub unknown: f64,
+    /// Probability of `none` before it was told, where it is.
+    pub none: Option<f64>,
     /// What the re-fitted rig leaves.
     pub on_null: Regions,
     /// The same that swings.
@@ -209,19 +212,18 @@ impl Weighed {
         let none = hypotheses.iter().position(|h| h.effects.is_empty() && !uneven(problem));
         if let Some(none) = none {
             let nominal = calibration.nominal(probabilities[none]);
-            give_none(&mut probabilities, none, nominal);
+            give(&mut probabilities, none, nominal);
             settle_channels(&hypotheses, &mut probabilities, calibration);
         }
         let mut unknown = probabilities.pop().unwrap_or(0.0);
+        let mut none_before = None;
         hide_seconds(&mut hypotheses, &mut probabilities, calibration.hidden_second);
         if let Some(none) = none {
             unknown += calibration.hidden_as_unknown() * probabilities[none];
             hide_firsts(&mut hypotheses, &mut probabilities, none, calibration);
             probabilities.push(unknown);
-            let rivals = probabilities.iter().enumerate().filter(|(i, _)| *i != none);
-            let rival = rivals.map(|(_, probability)| *probability).fold(0.0, f64::max);
-            let told = calibration.told(probabilities[none], rival);
-            give_none(&mut probabilities, none, told);
+            none_before = Some(probabilities[none]);
+            tell(&mut probabilities, none, calibration.told.none);
             unknown = probabilities.pop().unwrap_or(0.0);
             // Where nothing is left that is unexplained, what is not known is whether there is anything.
             if unknown_gain <= 0.0 && probabilities.iter().all(|probability| *probability < unknown) {
@@ -234,17 +236,46 @@ impl Weighed {
         if let Some(likeliest) = likeliest.filter(|i| nothing_left && probabilities[*i] < unknown) {
             std::mem::swap(&mut unknown, &mut probabilities[likeliest]);
         }
+        // Last, how sure it is of effects that lead; `none` was told above.
+        if let Some(leading) = leading(&probabilities, unknown) {
+            let telling = calibration.telling(hypotheses[leading].effects.len());
+            if telling != Telling::AS_IT_IS {
+                probabilities.push(unknown);
+                tell(&mut probabilities, leading, telling);
+                unknown = probabilities.pop().unwrap_or(0.0);
+            }
+        }
         Self {
             hypotheses,
             probabilities,
             unknown_gain,
             unknown,
+            none: none_before,
             on_null,
             waves_on_null,
             waves_on_best,
             pulses,
         }
     }
+
+    /// What is told of it.
+    pub fn told(&self) -> Told {
+        let leading = leading(&self.probabilities, self.unknown);
+        let effects = leading.map_or_else(Vec::new, |i| self.hypotheses[i].names());
+        let verdict = match leading {
+            None => Verdict::Unknown,
+            Some(_) if effects.is_empty() => Verdict::None,
+            Some(_) => Verdict::Effect,
+        };
+        let probability = leading.map_or(self.unknown, |i| self.probabilities[i]);
+        Told { verdict, effects, probability, none: self.none }
+    }
+}
+
+/// The most probable hypothesis, the first of equals; none where `unknown` is more so.
+fn leading(probabilities: &[f64], unknown: f64) -> Option<usize> {
+    let likeliest = (0..probabilities.len()).min_by(|i, j| probabilities[*j].total_cmp(&probabilities[*i]));
+    likeliest.filter(|i| probabilities[*i] >= unknown)
 }
 
 /// By how much the weight of `none` must be moved, as a logarithm, for the best hypothesis that names or suspects something
@@ -252,7 +283,7 @@ impl Weighed {
 pub fn alarm_margin(problem: &Problem<'_>, calibration: &Calibration) -> f64 {
     let search = Search::of(problem);
     // What counts for an alarm, not what is told.
-    let calibration = &Calibration { none_told: (1.0, 0.0), ..calibration.clone() };
+    let calibration = &calibration.untold();
     let weighed = Weighed::of(problem, &search, &direct(problem.tracks, problem.rig), calibration);
     let told = || weighed.hypotheses.iter().zip(&weighed.probabilities);
     let none = told().find(|(h, _)| h.effects.is_empty()).map_or(0.0, |(_, probability)| *probability);
@@ -282,13 +313,21 @@ fn uneven(problem: &Problem<'_>) -> bool {
 /// Singles less probable have no seconds worth telling.
 const LEAST_PROBABLE: f64 = 1e-3;
 
-/// Gives `none` a probability, and the rest to all else as it was.
-fn give_none(probabilities: &mut [f64], none: usize, nominal: f64) {
-    let rest = (1.0 - nominal) / (1.0 - probabilities[none]).max(1e-12);
+/// Gives one hypothesis a probability, and the rest to all else as it was.
+fn give(probabilities: &mut [f64], to: usize, given: f64) {
+    let rest = (1.0 - given) / (1.0 - probabilities[to]).max(1e-12);
     for probability in &mut *probabilities {
         *probability *= rest;
     }
-    probabilities[none] = nominal;
+    probabilities[to] = given;
+}
+
+/// Tells the odds of one hypothesis against all else.
+fn tell(probabilities: &mut [f64], of: usize, telling: Telling) {
+    let rivals = probabilities.iter().enumerate().filter(|(i, _)| *i != of);
+    let rival = rivals.map(|(_, probability)| *probability).fold(0.0, f64::max);
+    let told = telling.apply(probabilities[of], rival);
+    give(probabilities, of, told);
 }
 
 /// Where a channel is read directly, the flight beside it is nominal or not: evidence counts for or against that as it does for

@@ -47,8 +47,8 @@ pub struct Arguments {
     /// Nominal model with tolerances
     #[arg(long, default_value = files::DEFAULT_RIG)]
     rig: PathBuf,
-    /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and keep what they
-    /// teach in the cache
+    /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and three times as many
+    /// with effects of the library, and keep what they teach in the cache
     #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100")]
     calibrate: Option<usize>,
     /// Write the rig with the named effect added, as a new rig file

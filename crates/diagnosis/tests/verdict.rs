@@ -1,0 +1,62 @@
+//! The verdict alone is that of the whole diagnosis.
+
+#[path = "support/flown.rs"]
+mod flown;
+mod support;
+
+use bench_diagnosis::{Calibration, Diagnosis, Problem, Telling, ToldByKind, Track, Verdict, verdict};
+use bench_plant::effects::parse_effect;
+use flown::fly;
+use support::rig;
+
+/// Told as seen, more surely and less surely.
+fn calibrations() -> [Calibration; 3] {
+    let telling = |power: f64, ln_factor: f64| Telling { power, ln_factor };
+    let told = |none, single, pair| Calibration {
+        told: ToldByKind { none, single, pair },
+        ..Calibration::built_in()
+    };
+    [
+        Calibration::built_in(),
+        told(telling(1.2, -0.8), telling(1.3, 0.5), telling(1.1, 0.8)),
+        told(telling(0.6, 0.2), telling(0.5, -3.0), telling(0.5, -3.0)),
+    ]
+}
+
+#[test]
+fn the_verdict_alone_is_that_of_the_diagnosis() {
+    let nominal = rig();
+    // One of each kind, and pins that are believed as they were read.
+    let cases: [&[&str]; 4] = [
+        &[],
+        &["rotor-lag:time_constant_s=0.1"],
+        &["actuator-quantisation:step_fraction=0.05"],
+        &["rotor-lag:time_constant_s=0.1", "actuator-quantisation:step_fraction=0.05"],
+    ];
+    for effects in cases {
+        let mut real = nominal.clone();
+        real.effects.extend(effects.iter().map(|text| parse_effect(text).unwrap()));
+        let flights = ["hop", "steps"].into_iter().zip(1..);
+        let tracks: Vec<Track> = flights
+            .map(|(name, seed)| Track::from_flight(name, &fly(&real, name, seed), &nominal).unwrap())
+            .collect();
+        let problem = Problem::new(&tracks, &nominal);
+        let mut leaders = Vec::new();
+        for calibration in calibrations() {
+            let diagnosis = Diagnosis::of(&problem, &calibration);
+            let told = verdict(&problem, &calibration);
+            assert_eq!((told.verdict, &told.effects), (diagnosis.verdict, &diagnosis.effects));
+            assert_eq!(told.probability, diagnosis.confidence);
+            // However it is told, it stays ahead, and all of it is one.
+            let sum: f64 = diagnosis.candidates.iter().map(|candidate| candidate.probability).sum();
+            assert!(sum > 0.98 && sum < 1.0 + 1e-9, "{sum}");
+            leaders.push((told.verdict, told.effects, told.probability));
+        }
+        let [seen, surer, less_sure] = leaders.try_into().unwrap();
+        assert_eq!((seen.0, &seen.1), (surer.0, &surer.1), "{effects:?}");
+        assert_eq!((seen.0, &seen.1), (less_sure.0, &less_sure.1), "{effects:?}");
+        if seen.0 == Verdict::Effect {
+            assert!(surer.2 > seen.2 && less_sure.2 < seen.2, "{surer:?} {seen:?} {less_sure:?}");
+        }
+    }
+}
