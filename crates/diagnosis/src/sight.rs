@@ -100,13 +100,13 @@ impl Sight {
         let fresh = (1.0 - same - older_chance).max(0.0) * newest.density();
         // The same reading again has a probability, not a density: that over the width of a step.
         let neutral = same * newest.density();
-        let again = match (self.repeats, self.flies) {
+        let by_chance = self.step_m * Scored::bounded(self.from_last_m, variance).density();
+        let again = match (self.repeats, self.flies || by_chance < REPEATED_BY_CHANCE) {
             (true, true) => same / self.step_m,
             (true, false) => neutral,
             (false, _) => 0.0,
         };
         // Where a fresh frame would show much the same it is no evidence whether a reading is repeated: rounding repeats them, too.
-        let by_chance = self.step_m * Scored::bounded(self.from_last_m, variance).density();
         let tells = self.flies && by_chance < REPEATED_BY_CHANCE;
         let told = fresh + older + if tells { again } else { neutral };
         let (seen, all) = ((fresh + older).max(1e-300), (fresh + older + again).max(1e-300));

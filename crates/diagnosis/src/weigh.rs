@@ -52,13 +52,15 @@ const SECOND_READINGS: (f64, f64) = (20.0, 0.1);
 /// a law on top of noise, whose size the law hardly bends,
 const LAW_ON_NOISE: (f64, f64) = (4.0, 0.0005);
 /// or on top of frames that are lost, of whose ages only the most probable are learnt from,
-const LAW_ON_LOST: (f64, f64) = (4.0, 0.01);
+const LAW_ON_LOST: (f64, f64) = (4.0, 0.02);
 /// a law on top of gusts, which are never quite the model's,
 const LAW_ON_GUSTS: (f64, f64) = (6.0, 0.2);
 /// two kinds of noise, which spread sightings each in its own way,
 const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.001);
-/// but for those that make sightings late or strange, of whose spread each takes in what the other's form leaves,
+/// but for those that make sightings late or strange, of whose spread each takes in what the other's form leaves, the more so
 const ODD_SIGHTINGS: (f64, f64) = (8.0, 0.03);
+/// where most of them are lost, whose ages are known the least,
+const ODD_AMONG_LOST: (f64, f64) = (8.0, 0.08);
 const ODD: [&str; 3] = ["tracker-jitter", "tracker-dropout", "tracker-outliers"];
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
 const SECOND_BESIDE_CHANNEL_NATS: f64 = 3.0;
@@ -483,7 +485,13 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
         SECOND_LAW
     } else if is_random(law) {
         let odd = effects.iter().all(|effect| ODD.contains(&LIBRARY[*effect].name));
-        if odd { ODD_SIGHTINGS } else { NOISE_ON_NOISE }
+        let lost =
+            |effect: &usize| LIBRARY[*effect].name == "tracker-dropout" && search.alone(&[*effect]) >= first;
+        match (odd, effects.iter().any(lost)) {
+            (true, true) => ODD_AMONG_LOST,
+            (true, false) => ODD_SIGHTINGS,
+            (false, _) => NOISE_ON_NOISE,
+        }
     } else if search.alone(&[noise]) >= search.alone(&[law]) {
         match LIBRARY[noise].name {
             "gusts" => LAW_ON_GUSTS,

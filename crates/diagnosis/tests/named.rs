@@ -465,8 +465,10 @@ fn a_log_of_the_newest_frames_shows_that_some_were_lost() {
     for text in [
         "tracker-dropout:probability=0.15,mean_burst_frames=2",
         "tracker-dropout:probability=0.1,mean_burst_frames=6",
-        // Nearly a second at a time: to a filter that follows, the airframe stands still, and then leaps.
-        "tracker-dropout:probability=0.4,mean_burst_frames=25",
+        // A third of a second at a time: to a filter that follows, the airframe stands still, and then leaps.
+        "tracker-dropout:probability=0.2,mean_burst_frames=10",
+        // Every other frame: hardly a reading is of the frame that it should be of.
+        "tracker-dropout:probability=0.5,mean_burst_frames=3",
     ] {
         let mut real = nominal.clone();
         real.effects.push(parse_effect(text).unwrap());
