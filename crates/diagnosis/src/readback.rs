@@ -2,6 +2,7 @@
 
 use bench_plant::effects::LIBRARY;
 use bench_rig::Rig;
+use rayon::prelude::*;
 
 use crate::{
     chain::{Bend, chain},
@@ -18,12 +19,17 @@ const CAP: f64 = 30.0;
 const FORM_SHARE: f64 = 0.3;
 /// Share of the first's gain that a second law must gain, or what is left is the first's of another form.
 const SECOND_SHARE: f64 = 0.02;
-/// Steps of its own that a law has which an output rounds again, as a fraction of the output's: from, to, how many are
-/// tried, and on how many readbacks.
+/// Steps of its own that a law has which an output rounds again, as a fraction of the output's: from, to, by what part of a step
+/// those that are tried differ at the range's end, and on how many readbacks they are tried.
 const FINEST: f64 = 0.2;
 const COARSEST: f64 = 3.0;
-const FINE_STEPS: usize = 2_000;
+const FINE_APART: f64 = 0.2;
+/// More than an output of 8 bits needs: what a finer one rounds again is below its readback's noise.
+const MOST_FINE: u32 = 6_000;
 const FINE_PINS: usize = 500;
+/// About so many of the best, so many to either side are tried.
+const FINE_REFINED: usize = 8;
+const FINE_BETWEEN: i32 = 10;
 /// Treads are found on so many readbacks, each costs so many nats, for its level and where it begins, and moves no pin by more
 /// than so many mean rises.
 const TREAD_PINS: usize = 1_500;
@@ -276,6 +282,10 @@ impl PinChannel<'_> {
     /// Steps about as fine as the output's own, which rounds them again: what is told lies one of its steps off now and
     /// then.
     fn fine_quantisation(&self) -> Option<PinLaw> {
+        // What does not round leaves steps to be seen as they are.
+        if self.step <= 0.0 {
+            return None;
+        }
         let sticks = &self.rig.airframe.sticks;
         let output = &self.rig.output;
         let excess = |pins: &mut dyn Iterator<Item = &Pin>, step: f64| -> f64 {
@@ -286,13 +296,30 @@ impl PinChannel<'_> {
             .sum()
         };
         let stride = self.pins().count().div_ceil(FINE_PINS);
-        evenly_in_log(self.step * FINEST, self.step * COARSEST, FINE_STEPS)
-            .map(|step| (excess(&mut self.pins().step_by(stride), step), step))
+        let range = sticks.max - sticks.min;
+        let tried = |in_range: f64| {
+            let step = range / in_range;
+            (excess(&mut self.pins().step_by(stride), step), in_range)
+        };
+        // Even in how many there are: of hundreds of steps up to a pin the last hangs on each one's length to a part in thousands.
+        let (fewest, most) = (range / (COARSEST * self.step), range / (FINEST * self.step));
+        let count = (((most - fewest) / FINE_APART) as u32).min(MOST_FINE);
+        let coarse = (0..=count).into_par_iter().map(|i| tried(fewest + FINE_APART * f64::from(i)));
+        let mut coarse: Vec<(f64, f64)> = coarse.collect();
+        coarse.sort_by(|a, b| a.0.total_cmp(&b.0));
+        coarse
+            .into_iter()
+            .take(FINE_REFINED)
+            .flat_map(|(_, near)| {
+                (-FINE_BETWEEN..=FINE_BETWEEN)
+                    .map(move |i| near + FINE_APART * f64::from(i) / f64::from(FINE_BETWEEN))
+            })
+            .map(tried)
             .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, step)| PinLaw {
+            .map(|(_, in_range)| PinLaw {
                 effect: library("actuator-quantisation"),
-                excess: excess(&mut self.pins(), step),
-                values: vec![step / (sticks.max - sticks.min)],
+                excess: excess(&mut self.pins(), range / in_range),
+                values: vec![in_range.recip()],
             })
     }
 
@@ -536,4 +563,46 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
             100.0 * sigma / range
         ),
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn fine_steps_are_found_among_hundreds_up_to_a_pin() {
+        let rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+        let (sticks, output) = (&rig.airframe.sticks, &rig.output);
+        let range = sticks.max - sticks.min;
+        let sigma = 0.001 * range;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        for step_fraction in [0.001_033, 0.001_540_7, 0.002_219, 0.003_771] {
+            let step = step_fraction * range;
+            let pins: Vec<Pin> = (0..2000)
+                .map(|i| {
+                    let asked = sticks.min + range * rng.random_range(0.45..0.75);
+                    let told = sticks.min + step * ((asked - sticks.min) / step).round();
+                    // Even noise of the same deviation.
+                    let noise = sigma * 3_f64.sqrt() * rng.random_range(-1.0..1.0);
+                    Pin {
+                        time_s: 0.1 * f64::from(i),
+                        delay_s: 0.0,
+                        asked,
+                        commanded: output.expected_on_the_pin(sticks, asked),
+                        readback: output.expected_on_the_pin(sticks, told) + noise,
+                    }
+                })
+                .collect();
+            let channel = PinChannel { rig: &rig, flights: vec![&pins], sigma, step: output.step(sticks) };
+            let law = channel.fine_quantisation().unwrap();
+            // The noise alone leaves a half for each; a step missed once in twenty pins as much as the noise again.
+            assert!(law.excess < 0.6 * 2000.0, "{step_fraction}: {} {:?}", law.excess, law.values);
+            assert!((law.values[0] / step_fraction - 1.0).abs() < 1e-3, "{step_fraction}: {:?}", law.values);
+        }
+    }
 }
