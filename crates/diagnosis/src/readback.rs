@@ -139,68 +139,85 @@ impl PinChannel<'_> {
         self.flights.iter().map(of_flight).sum()
     }
 
-    /// A level that the pin does not pass, upwards or downwards, softly or hard, its own in each flight as supplies fade.
+    /// Levels that the pin does not pass upwards, downwards or both, softly or hard, their own in each flight as supplies fade.
     fn saturation(&self) -> Option<PinLaw> {
-        let ends = [1.0, -1.0].into_iter().flat_map(|up| {
-            [0.0, 0.002, 0.005, 0.012].into_iter().map(move |softness| self.limit(up, softness))
+        let ends: [&[f64]; 3] = [&[1.0], &[-1.0], &[1.0, -1.0]];
+        let tried = ends.into_iter().flat_map(|ends| {
+            [0.0, 0.002, 0.005, 0.012].into_iter().map(move |softness| self.limits(ends, softness))
         });
-        ends.min_by(|a, b| a.excess.total_cmp(&b.excess))
+        tried.min_by(|a, b| a.excess.total_cmp(&b.excess))
     }
 
-    /// The same in one direction, with one softness.
-    fn limit(&self, up: f64, softness: f64) -> PinLaw {
-        let (min, max) = (self.rig.airframe.sticks.min, self.rig.airframe.sticks.max);
-        let softness = softness * (max - min);
-        let (mut excess, mut levels) = (0.0, Vec::new());
+    /// The same in these directions, 1 upwards and -1 downwards, with one softness.
+    fn limits(&self, ends: &[f64], softness: f64) -> PinLaw {
+        let softness = softness * (self.rig.airframe.sticks.max - self.rig.airframe.sticks.min);
+        // A second one has a number of its own.
+        let mut excess = LAW_COST * (ends.len() - 1) as f64;
+        let mut levels = [Vec::new(), Vec::new()];
         for pins in &self.flights {
-            // Of what was asked for, how far along the way from the other end of the range.
-            let along = |throttle: f64| if up > 0.0 { throttle - min } else { max - throttle };
-            let furthest = pins.iter().map(|pin| along(pin.asked)).fold(f64::MIN, f64::max);
-            let at = |level: f64| {
-                let beyond = |pin: &Pin| {
-                    let over = along(pin.asked) - level;
-                    if softness == 0.0 {
-                        over.max(0.0)
-                    } else if over < -8.0 * softness {
-                        0.0
-                    } else {
-                        softness * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
-                    }
-                };
-                // The stick at its lower end may stop the motors, floor or not.
-                let off = |pin: &Pin| {
-                    up < 0.0 && pin.asked <= min && 2.0 * (pin.readback - pin.asked) < beyond(pin)
-                };
-                let told = |pin: &Pin| if off(pin) { pin.asked } else { pin.asked - up * beyond(pin) };
-                (self.flight(pins, &mut |pin, _| told(pin)), level)
-            };
-            let step = 0.01 * furthest;
-            let coarse = (0..60).map(|i| at(furthest - step * f64::from(i)));
-            let near = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
-            let finer = near.into_iter().flat_map(|(_, level)| {
-                (-9..10).map(move |i| (level + 0.1 * step * f64::from(i)).min(furthest))
-            });
-            if let Some((value, level)) = finer.map(at).min_by(|a, b| a.0.total_cmp(&b.0)) {
-                excess += value;
-                if level < furthest {
-                    levels.push(if up > 0.0 { min + level } else { max - level });
-                }
+            let mut told: Vec<f64> = pins.iter().map(|pin| pin.asked).collect();
+            let mut left = 0.0;
+            for up in ends {
+                let level;
+                (left, level) = self.limit(pins, &mut told, *up, softness);
+                levels[usize::from(*up < 0.0)].extend(level);
             }
+            excess += left;
         }
-        self.limited(up, median(levels), excess)
+        self.limited(levels.map(median), excess)
     }
 
-    /// The law of a limit at a level, upwards or downwards.
-    fn limited(&self, up: f64, level: Option<f64>, excess: f64) -> PinLaw {
+    /// Limits what the pins of a flight are told, in one direction, at the level that leaves the least excess: that, and the level
+    /// where one is reached.
+    fn limit(&self, pins: &[Pin], told: &mut [f64], up: f64, softness: f64) -> (f64, Option<f64>) {
+        let (min, max) = (self.rig.airframe.sticks.min, self.rig.airframe.sticks.max);
+        // How far along the way from the other end of the range.
+        let along = |throttle: f64| if up > 0.0 { throttle - min } else { max - throttle };
+        let furthest = told.iter().map(|told| along(*told)).fold(f64::MIN, f64::max);
+        let limited = |told: f64, pin: &Pin, level: f64| {
+            let over = along(told) - level;
+            let beyond = if softness == 0.0 {
+                over.max(0.0)
+            } else if over < -8.0 * softness {
+                0.0
+            } else {
+                softness * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
+            };
+            // The stick at its lower end may stop the motors, floor or not.
+            let off = up < 0.0 && pin.asked <= min && 2.0 * (pin.readback - pin.asked) < beyond;
+            if off { told } else { told - up * beyond }
+        };
+        let at = |level: f64| {
+            let mut held = told.iter().zip(pins).map(|(told, pin)| limited(*told, pin, level));
+            (self.flight(pins, &mut |pin, _| held.next().unwrap_or(pin.asked)), level)
+        };
+        let step = 0.01 * furthest;
+        let coarse = (0..60).map(|i| at(furthest - step * f64::from(i)));
+        let near = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
+        let finer = near
+            .into_iter()
+            .flat_map(|(_, level)| (-9..10).map(move |i| (level + 0.1 * step * f64::from(i)).min(furthest)));
+        let Some((excess, level)) = finer.map(at).min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            return (0.0, None);
+        };
+        for (told, pin) in told.iter_mut().zip(pins) {
+            *told = limited(*told, pin, level);
+        }
+        (excess, (level < furthest).then_some(if up > 0.0 { min + level } else { max - level }))
+    }
+
+    /// The law of limits at levels, upwards and downwards.
+    fn limited(&self, levels: [Option<f64>; 2], excess: f64) -> PinLaw {
         let a = &self.rig.airframe;
         let ratio =
             |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
         let effect = library("actuator-saturation");
-        let mut values: Vec<f64> = LIBRARY[effect].parameters.iter().filter_map(|p| p.neutral).collect();
-        let end = usize::from(up < 0.0);
-        let parameter = &LIBRARY[effect].parameters[end];
-        values[end] = level.map_or(values[end], |level| ratio(level).clamp(parameter.min, parameter.max));
-        PinLaw { effect, excess, values }
+        let ends = LIBRARY[effect].parameters.iter().zip(levels);
+        let values = ends.filter_map(|(p, level)| match level {
+            Some(level) => Some(ratio(level).clamp(p.min, p.max)),
+            None => p.neutral,
+        });
+        PinLaw { effect, excess, values: values.collect() }
     }
 
     /// The library's law of one link of a chain.
@@ -211,7 +228,7 @@ impl PinChannel<'_> {
         match bend {
             Bend::Steps(step) => of_range("actuator-quantisation", step),
             Bend::Play(width) => of_range("actuator-backlash", width),
-            Bend::Limit(level) => self.limited(1.0, Some(level), excess),
+            Bend::Limit(level) => self.limited([Some(level), None], excess),
         }
     }
 

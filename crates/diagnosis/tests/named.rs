@@ -294,6 +294,17 @@ fn what_shows_without_a_model_of_flight_is_named() {
 }
 
 #[test]
+fn a_pin_that_is_limited_at_both_ends_tells_both() {
+    let said = diagnose(&["actuator-saturation:high_thrust_to_weight=1.06,low_thrust_to_weight=0.95"]);
+    assert_eq!(said.effects, ["actuator-saturation"], "{:#?}", &said.candidates[..2]);
+    for (name, planted) in [("high_thrust_to_weight", 1.06), ("low_thrust_to_weight", 0.95)] {
+        let found = said.candidates[0].parameters.iter().find(|p| p.name == name).unwrap();
+        // Nearer than one of the output's steps.
+        assert!((found.value - planted).abs() < 0.01, "{found:?}");
+    }
+}
+
+#[test]
 fn an_effect_that_is_read_is_told_with_confidence_where_the_flight_beside_it_is_nominal() {
     for text in
         ["actuator-quantisation:step_fraction=0.02", "tracker-dropout:probability=0.1,mean_burst_frames=4"]
