@@ -10,7 +10,7 @@ use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Location, Mission, Model, Rig, Uncertain};
 use bench_run::simulate;
 use indicatif::{ProgressBar, ProgressStyle};
-use rand::{RngExt, SeedableRng};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
@@ -179,7 +179,7 @@ fn drawn(rig: &Rig, set: u64) -> Rig {
     draw(&mut a.drag_n_s_per_m);
     draw(&mut rig.tracker.latency_s);
     let (low, high) = TURBULENCE_M_S;
-    let sigma_m_s = low * (high / low).powf(rng.random::<f64>());
+    let sigma_m_s = log_uniform(&mut rng, low, high);
     if rig.effects.iter().all(|effect| effect.name != "gusts") {
         rig.effects.push(EffectEntry {
             name: "gusts".to_owned(),
@@ -191,4 +191,8 @@ fn drawn(rig: &Rig, set: u64) -> Rig {
         });
     }
     rig
+}
+
+fn log_uniform(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
+    low * (high / low).powf(rng.random::<f64>())
 }

@@ -6,7 +6,7 @@ use rand::{Rng, RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::{FIRST_WITH_CAUSES, TURBULENCE_M_S};
+use super::{FIRST_WITH_CAUSES, TURBULENCE_M_S, log_uniform};
 
 /// Shares of the cases; the rest have two effects.
 const NONE_SHARE: f64 = 0.25;
@@ -95,10 +95,6 @@ fn size(rng: &mut impl Rng, effect: &str, parameter: &Parameter) -> f64 {
             neutral * (plain / neutral).powf(log_uniform(rng, 0.1, 1.0))
         }
     }
-}
-
-fn log_uniform(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
-    low * (high / low).powf(rng.random::<f64>())
 }
 
 #[cfg(test)]
