@@ -19,6 +19,7 @@ use crate::{
     pass::{Noise, Pass, run},
     random::{self, is_random},
     search::fitted_effects,
+    sight::Scored,
     track::Track,
 };
 
@@ -141,8 +142,6 @@ const REFIT_PASSES: usize = 8;
 const WORTH_A_STEP: f64 = 0.05;
 /// Factors of turbulence by which a wrong hypothesis may excuse itself.
 const TURBULENCE_FACTORS: [f64; 8] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 16.0];
-/// Deviation beyond which an expected innovation counts linearly, as in the filter.
-const HUBER: f64 = 4.0;
 /// Rounds of local search, and neighbours flown in each.
 const ROUNDS: usize = 8;
 const NEIGHBOURS: usize = 6;
@@ -480,9 +479,7 @@ fn expect(
     }
     let variances_m2: Vec<f64> = here.pass.innovations().map(|innovation| innovation.variance_m2).collect();
     let nll = here.pass.innovations().zip(truth.unwrap_or(&variances_m2)).map(|(innovation, true_m2)| {
-        let s = innovation.variance_m2;
-        let u = ((innovation.residual_m.powi(2) + true_m2) / s).sqrt();
-        0.5 * s.ln() + if u <= HUBER { 0.5 * u * u } else { HUBER * u - 0.5 * HUBER * HUBER }
+        Scored::bounded(innovation.residual_m.hypot(true_m2.sqrt()), innovation.variance_m2).nll
     });
     let nll = nll.sum::<f64>() + here.cost;
     let after = (before + &here.information).cholesky()?;
