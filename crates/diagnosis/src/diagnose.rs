@@ -174,6 +174,10 @@ pub struct Place {
     pub unexplained_past: f64,
     /// The same of an acceleration that grows from flight to flight.
     pub unexplained_drift: f64,
+    /// The same of what lies along the quantities of a law that only fades.
+    pub unexplained_fading: f64,
+    /// The same of a play of the thrust, which no readback shows.
+    pub unexplained_play: f64,
     /// The same of thrust that is missing for moments.
     pub unexplained_pulses: f64,
     /// The same of the readback.
@@ -516,6 +520,8 @@ fn place(
         unexplained_frequency: Frequency { hz, gain },
         unexplained_past: on_best.past,
         unexplained_drift: on_best.drift,
+        unexplained_fading: on_best.fading,
+        unexplained_play: on_best.play,
         unexplained_pulses: weighed.pulses,
         unexplained_readback: direct.unexplained_pins,
     }

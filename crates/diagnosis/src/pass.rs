@@ -71,6 +71,9 @@ pub enum Direction {
     Wave(f64, f64),
     /// An acceleration of 1 m/s^2 all along.
     Steady,
+    /// An acceleration of 1 m/s^2 upwards at one end of a play of the thrust, of such a width over the weight, downwards at the
+    /// other, and in proportion between: at the upper end once the throttle has risen through it.
+    Play(f64),
     /// A free offset of sightings.
     Seen(Seen),
     /// A free acceleration of 1 m/s^2 where a quantity is near a knot, falling linearly to its neighbours.
@@ -306,6 +309,18 @@ struct Twin {
     sensitivity: State,
 }
 
+impl Twin {
+    /// Moves what it remembers on over a step at an altitude and speed, beside a law.
+    #[inline]
+    fn move_on(&mut self, beside: &Law, h: f64, throttle: f64, [z, v]: [f64; 2], ratio: f64) {
+        match &mut self.source {
+            Source::Law(law, _, reach) => law.move_beside(beside, *reach, h, throttle, [z, v]),
+            Source::Play(play) => play.drag(ratio),
+            _ => {}
+        }
+    }
+}
+
 enum Source {
     /// The law a little aside, the reciprocal of how far, and from where on it differs.
     Law(Box<Law>, f64, Reach),
@@ -313,7 +328,29 @@ enum Source {
     /// Frequency, rad/s, and phase.
     Wave(f64, f64),
     Steady,
+    Play(Play),
     Seen(Seen),
+}
+
+/// A play of the thrust, over the weight.
+struct Play {
+    width: f64,
+    /// Where its middle is.
+    middle: f64,
+}
+
+impl Play {
+    /// Drags it along to a thrust.
+    #[inline]
+    fn drag(&mut self, ratio: f64) {
+        self.middle = self.middle.clamp(ratio - 0.5 * self.width, ratio + 0.5 * self.width);
+    }
+
+    /// Where in it a thrust is, from -1 to 1.
+    #[inline]
+    fn place(&self, ratio: f64) -> f64 {
+        2.0 * (ratio - self.middle) / self.width
+    }
 }
 
 impl Source {
@@ -325,6 +362,7 @@ impl Source {
             Self::Law(law, inverse_step, _) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
             Self::Steady => 1.0,
             Self::Hat(hat) => hat.at(axes[hat.axis as usize]),
+            Self::Play(play) => play.place(axes[Axis::ThrustToWeight as usize]),
             Self::Wave(rad_s, phase) => (rad_s * axes[Axis::Time as usize] + phase).sin(),
         }
     }
@@ -434,6 +472,7 @@ impl Filter {
                     }
                     Direction::Hat(hat) => Source::Hat(*hat),
                     Direction::Steady => Source::Steady,
+                    Direction::Play(width) => Source::Play(Play { width: *width, middle: 0.0 }),
                     Direction::Seen(seen) => Source::Seen(*seen),
                     Direction::Wave(hz, phase_rad) => Source::Wave(std::f64::consts::TAU * hz, *phase_rad),
                 };
@@ -608,9 +647,7 @@ impl Filter {
         }
         let axes = self.axes();
         for twin in &mut self.twins {
-            if let Source::Law(law, _, reach) = &mut twin.source {
-                law.move_beside(&self.law, *reach, h, throttle, [z, v]);
-            }
+            twin.move_on(&self.law, h, throttle, [z, v], axes[Axis::ThrustToWeight as usize]);
             let push = twin.source.push(middle, force, &axes);
             twin.sensitivity = f.apply(twin.sensitivity);
             twin.sensitivity[0] += h * h / 2.0 * push;
@@ -677,9 +714,7 @@ impl Filter {
     fn hold_twins(&mut self, h: f64, throttle: f64) {
         let [z, v, ..] = self.x;
         for twin in &mut self.twins {
-            if let Source::Law(law, _, reach) = &mut twin.source {
-                law.move_beside(&self.law, *reach, h, throttle, [z, v]);
-            }
+            twin.move_on(&self.law, h, throttle, [z, v], self.around.ratio);
         }
     }
 
@@ -709,7 +744,7 @@ impl Filter {
                     let seen = law.view.seen_m(z) - seen_m;
                     (later_s * v - seen / factor) * inverse_step
                 }
-                Source::Hat(_) | Source::Wave(..) | Source::Steady | Source::Seen(_) => 0.0,
+                Source::Hat(_) | Source::Wave(..) | Source::Steady | Source::Play(_) | Source::Seen(_) => 0.0,
             };
             twin.sensitivity = [sensitivity, 0.0, twin.sensitivity[2], 0.0];
         }
@@ -767,7 +802,7 @@ impl Filter {
                     let later_s = law.latency_s - self.law.latency_s;
                     (law.view.seen_m(z) - predicted - later_s * v * factor) * inverse_step
                 }
-                Source::Hat(_) | Source::Wave(..) | Source::Steady => 0.0,
+                Source::Hat(_) | Source::Wave(..) | Source::Steady | Source::Play(_) => 0.0,
                 Source::Seen(Seen::Altitude(hat)) => hat.at(z),
                 Source::Seen(Seen::Thrust) => self.around.ratio - 1.0,
                 Source::Seen(Seen::Time) => self.around.elapsed_s,

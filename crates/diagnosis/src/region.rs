@@ -11,6 +11,7 @@ use crate::{
     direct::evenly_in_log,
     fit::{Fit, Problem, directions, project},
     pass::{Axis, Direction, Hat, Innovation, Pass, Seen, run},
+    random::is_random,
 };
 
 /// A free acceleration over one quantity.
@@ -42,6 +43,10 @@ pub struct Regions {
     /// The same of an acceleration that grows from flight to flight, in the order in which they are given; 0 where a battery's
     /// charge is fitted, which may not have been made good between them.
     pub drift: f64,
+    /// That part where the one law of the fit is one that only fades, of few forms that are fitted; else 0.
+    pub fading: f64,
+    /// Gain of log-evidence of a play of the thrust; 0 where a law of the fit depends on changes of thrust, too.
+    pub play: f64,
     /// Offsets of sightings over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
     pub tracker: Vec<(&'static str, f64)>,
 }
@@ -84,6 +89,12 @@ pub fn own_axes(effect: usize) -> &'static [Axis] {
     }
 }
 
+/// Whether the one law of a fit, beside noise, is one that only fades.
+fn only_fading(fit: &Fit) -> bool {
+    let mut laws = fit.effects().into_iter().filter(|effect| !is_random(*effect));
+    laws.next().is_some_and(|law| LIBRARY[law].name == "battery-discharge") && laws.next().is_none()
+}
+
 const KNOTS: usize = 6;
 /// Along the altitude things may be narrow.
 const ALTITUDE_KNOTS: usize = 12;
@@ -114,6 +125,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let offsets = altitudes.len();
     directions.extend(altitudes.into_iter().map(|hat| Direction::Seen(Seen::Altitude(hat))));
     directions.extend([Seen::Thrust, Seen::Time, Seen::Latency].map(Direction::Seen));
+    directions.extend(PLAYS.map(Direction::Play));
     directions.push(Direction::Steady);
     let pass = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &directions);
     let Some((information, gradient)) = project(&fit.free, &fit.point, &pass) else {
@@ -123,6 +135,8 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
             form: 0.0,
             past: 0.0,
             drift: 0.0,
+            fading: 0.0,
+            play: 0.0,
             tracker: Vec::new(),
         };
     };
@@ -142,6 +156,8 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let f = information.view((0, 0), (of_the_moment, of_the_moment)).into_owned();
     let (ceiling, _) = best_gain(&f, &gradient.rows(0, of_the_moment).into_owned(), &WIDTHS);
     let tracker = seen(&information, &gradient, forces, offsets);
+    // Before the steady one.
+    let plays = gradient.len() - 1 - PLAYS.len();
     let is_own = |axis: Axis| fit.effects().iter().any(|effect| own_axes(*effect).contains(&axis));
     let own: Vec<usize> = (0..of_the_moment).filter(|i| is_own(hat_axes[*i])).collect();
     let f = DMatrix::from_fn(own.len(), own.len(), |i, j| information[(own[i], own[j])]);
@@ -154,8 +170,23 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         form,
         past: if is_own(Axis::Past) { 0.0 } else { past },
         drift: if is_own(Axis::Charge) { 0.0 } else { drift(fit, &pass) },
+        fading: if only_fading(fit) { form } else { 0.0 },
+        play: if is_own(Axis::ThrustChange) { 0.0 } else { play(&information, &gradient, plays) },
         tracker,
     }
+}
+
+/// Widths of the play that are tried, over the weight.
+const PLAYS: [f64; 4] = [0.003, 0.01, 0.03, 0.1];
+
+/// Gain of log-evidence of a play, whose directions begin at `first`: thrust that stays behind, not one that hurries ahead.
+fn play(information: &DMatrix<f64>, gradient: &DVector<f64>, first: usize) -> f64 {
+    let behind = (first..first + PLAYS.len()).filter(|i| gradient[*i] < 0.0);
+    let gains = behind.map(|i| {
+        let f = information.view((i, i), (1, 1)).into_owned();
+        best_gain(&f, &gradient.rows(i, 1).into_owned(), &WIDTHS).0
+    });
+    gains.fold(0.0, f64::max)
 }
 
 /// Fewer flights show a difference, and no drift.

@@ -15,8 +15,8 @@ use rand_chacha::ChaCha8Rng;
 use support::rig;
 use through::track_through;
 
-/// What of the throttle is lost at the next command, as a share.
-type Loss = Box<dyn FnMut() -> f64>;
+/// What of a throttle is lost, as a share, command by command.
+type Loss = Box<dyn FnMut(f64) -> f64>;
 
 /// Outputs between which and the motors a share of the throttle is lost; the readback does not show it.
 struct Losing<V> {
@@ -27,7 +27,7 @@ struct Losing<V> {
 
 impl<V: VoltageOutput> VoltageOutput for Losing<V> {
     fn write(&mut self, sticks: Sticks) -> Result<(), DeviceError> {
-        self.lost = (self.loss)() * sticks.throttle;
+        self.lost = (self.loss)(sticks.throttle) * sticks.throttle;
         self.output.write(Sticks { throttle: sticks.throttle - self.lost, ..sticks })
     }
 
@@ -64,7 +64,7 @@ fn is_unknown(said: &Diagnosis) -> bool {
 
 #[test]
 fn flights_that_lose_nothing_are_nominal() {
-    let said = diagnose(|_| rig(), |_| Box::new(|| 0.0));
+    let said = diagnose(|_| rig(), |_| Box::new(|_| 0.0));
     assert_eq!(said.verdict, Verdict::None, "{:#?}", said.candidates);
 }
 
@@ -74,7 +74,7 @@ fn missing(share: f64, between: f64, length: f64) -> Diagnosis {
         |_| rig(),
         |_| {
             let mut written = 0.0_f64;
-            Box::new(move || {
+            Box::new(move |_| {
                 let (number, since) = (written.div_euclid(between), written.rem_euclid(between));
                 let begins = (between - length) * (0.618 * number).fract();
                 written += 1.0;
@@ -112,7 +112,7 @@ fn rare_pushes_one_way_are_not_taken_for_gusts() {
                 flights.set(flights.get() + 1);
                 let mut rng = ChaCha8Rng::seed_from_u64(flights.get());
                 let mut left = 0;
-                Box::new(move || {
+                Box::new(move |_| {
                     left -= 1;
                     if left <= 0 && rng.random_bool(1.0 / 30.0) {
                         left = 6;
@@ -131,7 +131,7 @@ fn a_push_that_swings_at_one_frequency_is_no_known_effect() {
     let said = diagnose(
         |_| rig(),
         |world| {
-            Box::new(move || {
+            Box::new(move |_| {
                 let time_s = world.borrow().true_state().time.seconds();
                 0.004 * (std::f64::consts::TAU * 1.37 * time_s).sin()
             })
@@ -150,7 +150,7 @@ fn a_weight_that_changes_from_flight_to_flight_is_no_known_effect() {
         rig.airframe.mass_kg.value *= 1.0 - 0.01 * (number as f64 - 3.5);
         rig
     };
-    let said = diagnose(leaking, |_| Box::new(|| 0.0));
+    let said = diagnose(leaking, |_| Box::new(|_| 0.0));
     assert!(is_unknown(&said), "{:#?}", said.candidates);
     assert!(said.place.unexplained_drift > 10.0);
 }
@@ -162,7 +162,7 @@ fn thrust_that_depends_on_where_the_airframe_was_is_no_known_effect() {
         |_| rig(),
         |world| {
             let mut stirred = 0.0;
-            Box::new(move || {
+            Box::new(move |_| {
                 let low = (-(world.borrow().true_state().position_m.z / 0.2).powi(2)).exp();
                 stirred += (low - stirred) * 0.05;
                 0.05 * stirred
@@ -180,7 +180,7 @@ fn thrust_that_depends_on_where_the_airframe_was_seconds_ago_is_not_taken_for_gu
         |_| rig(),
         |world| {
             let mut past = std::collections::VecDeque::from(vec![0.0; 35]);
-            Box::new(move || {
+            Box::new(move |_| {
                 past.push_back(world.borrow().true_state().position_m.z);
                 let then = past.pop_front().unwrap_or_default();
                 0.1 * (then - 0.4).clamp(-0.4, 0.4)
@@ -197,11 +197,45 @@ fn a_law_that_must_bend_out_of_all_usual_forms_is_not_named() {
         |_| rig(),
         |_| {
             let mut commands = 0.0_f64;
-            Box::new(move || {
+            Box::new(move |_| {
                 commands += 1.0;
                 1e-6 * (commands - 60.0).max(0.0).powi(2)
             })
         },
     );
     assert!(is_unknown(&said), "{:#?}", said.candidates);
+}
+
+#[test]
+fn motors_that_fade_once_warm_are_no_battery() {
+    // Warm after ten seconds, and then no warmer: most of a discharge that ends early, but for how it begins.
+    let said = diagnose(
+        |_| rig(),
+        |_| {
+            let mut heat = 0.0;
+            Box::new(move |throttle| {
+                heat += (if throttle > 1.0 { 1.0 } else { 0.0 } - heat) * 0.02;
+                0.03 * ((heat - 0.4_f64) / 0.6).max(0.0).powi(2)
+            })
+        },
+    );
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
+    assert!(said.place.unexplained_fading > 5.0, "{:?}", said.place.unexplained_fading);
+}
+
+#[test]
+fn thrust_that_stays_behind_its_changes_is_no_known_effect() {
+    // Through a play of half a percent of the throttle, which no readback shows.
+    let said = diagnose(
+        |_| rig(),
+        |_| {
+            let mut held = 0.0_f64;
+            Box::new(move |throttle| {
+                held = held.clamp(throttle - 0.0025 * throttle, throttle + 0.0025 * throttle);
+                1.0 - held / throttle.max(1e-9)
+            })
+        },
+    );
+    assert!(is_unknown(&said), "{:#?}", said.candidates);
+    assert!(said.place.unexplained_play > 10.0, "{:?}", said.place.unexplained_play);
 }
