@@ -33,10 +33,7 @@ impl FrameClock {
             return None;
         }
         let (numbers, slope, waits_s, doubtful) = if median_off_s(&arrived, period_s) > JITTERY * period_s {
-            let numbers = jittery_numbers(&arrived, period_s);
-            let (slope, waits_s) = earliest_line(&numbers, &arrived);
-            let doubtful = after_losses(&numbers, &arrived, &waits_s, period_s);
-            (numbers, slope, waits_s, doubtful)
+            jittery_line(&arrived, period_s)
         } else {
             let numbers = frame_numbers(&arrived, period_s);
             let (slope, mut waits_s) = mean_line(&numbers, &arrived);
@@ -148,10 +145,17 @@ const PERIOD_FRAMES: usize = 1000;
 const LINE_S: f64 = 0.001;
 /// Frames that come so closely waited for one another, s.
 pub(crate) const TOGETHER_S: f64 = 0.003;
-/// Nats that exclude that a loss came later,
-const DOUBT_NATS: f64 = 5.0;
-/// and that a lost frame costs.
-const LOSS_NATS: f64 = 8.0;
+/// A number that is wrong with less than e to minus this is taken for certain: a flight has hundreds of frames, and one sighting
+/// that is a frame off misleads it for a second.
+const DOUBT_NATS: f64 = 8.0;
+/// Nats that a lost frame costs, which one in five hundred is,
+const LOSS_NATS: f64 = 6.2;
+/// and a period that needs one, and what excludes that the last few frames all waited by chance.
+const LOSS_OF_PERIOD_NATS: f64 = 8.0;
+/// How often numbers and the line below their arrivals are found in turn.
+const TURNS: usize = 3;
+/// The same of frames' own waits and their mean.
+const TURNS_OF_WAIT: usize = 10;
 
 /// How far intervals between arrivals are off the period, the median, s.
 fn median_off_s(arrived: &[f64], period_s: f64) -> f64 {
@@ -189,7 +193,7 @@ fn numbers_under(arrived: &[f64], period_s: f64) -> (Vec<i64>, f64) {
     for ((i, late), earliest) in (0_u32..).zip(&late_s).zip(&earliest_s) {
         let more = ((earliest - on_time_s + 3.0 * LINE_S) / period_s).floor();
         // The last few may all have waited by chance.
-        if more >= 1.0 && (n - f64::from(i)) * more * period_s > LOSS_NATS * usual_s {
+        if more >= 1.0 && (n - f64::from(i)) * more * period_s > LOSS_OF_PERIOD_NATS * usual_s {
             lost += more as i64;
             // Nothing comes before its time: under a period too long, all of a stretch waits for its last frame.
             on_time_s = earliest.min(on_time_s + more * period_s);
@@ -198,28 +202,90 @@ fn numbers_under(arrived: &[f64], period_s: f64) -> (Vec<i64>, f64) {
         waits_s += late - on_time_s;
         numbers.push(i64::from(i) + lost);
     }
-    (numbers, n * (waits_s / n).max(LINE_S).ln() + LOSS_NATS * f64::from(losses))
+    (numbers, n * (waits_s / n).max(LINE_S).ln() + LOSS_OF_PERIOD_NATS * f64::from(losses))
 }
 
-/// Frames that follow a loss so closely that it may have come after them: each that did not just wait for the one before
-/// would have waited a period longer.
-fn after_losses(numbers: &[i64], arrived: &[f64], waits_s: &[f64], period_s: f64) -> Vec<bool> {
-    let usual_s = waits_s.iter().sum::<f64>() / waits_s.len() as f64 + LINE_S;
-    let mut since = f64::INFINITY;
-    let mut before = (numbers[0] - 1, f64::NEG_INFINITY);
-    numbers
-        .iter()
-        .zip(arrived)
-        .map(|(number, arrival)| {
-            if number - before.0 > 1 {
-                since = 0.0;
-            } else if arrival - before.1 > TOGETHER_S {
-                since += period_s;
-            }
-            before = (*number, *arrival);
-            since < DOUBT_NATS * usual_s
-        })
-        .collect()
+/// Frames that wait about as long as a period: their numbers, the slope of the line below their arrivals, how long each waited,
+/// and which numbers are in doubt.
+fn jittery_line(arrived: &[f64], period_s: f64) -> (Vec<i64>, f64, Vec<f64>, Vec<bool>) {
+    let mut numbers = jittery_numbers(arrived, period_s);
+    let mut doubtful = Vec::new();
+    let (mut slope, mut waits_s) = earliest_line(&numbers, arrived);
+    for _ in 0..TURNS {
+        (numbers, doubtful) = most_likely(&numbers, arrived, slope, &waits_s);
+        (slope, waits_s) = earliest_line(&numbers, arrived);
+    }
+    (numbers, slope, waits_s, doubtful)
+}
+
+/// Whether a frame came with the one before, for which it may have waited.
+fn with_last(arrived: &[f64], i: usize) -> bool {
+    i > 0 && arrived[i] - arrived[i - 1] < TOGETHER_S
+}
+
+/// The mean wait of frames had they not waited for one another, s: of those that came with the one before it was no longer than
+/// what they waited (expectation and maximisation in turn).
+fn own_wait_s(arrived: &[f64], waits_s: &[f64]) -> f64 {
+    let n = waits_s.len() as f64;
+    let mut usual_s = waits_s.iter().map(|wait| wait.max(0.0)).sum::<f64>() / n + LINE_S;
+    for _ in 0..TURNS_OF_WAIT {
+        let own = waits_s.iter().enumerate().map(|(i, wait)| {
+            let wait = wait.max(LINE_S);
+            if with_last(arrived, i) { usual_s - wait / (wait / usual_s).exp_m1() } else { wait }
+        });
+        usual_s = own.sum::<f64>() / n;
+    }
+    usual_s
+}
+
+/// The most likely numbers of frames that wait exponentially above a line, first come first served, and which of them are in
+/// doubt: a chain whose state is how many frames were lost so far (forward and backward recursions: Rabiner, *A tutorial on
+/// hidden Markov models*, Proceedings of the IEEE 77(2), 1989). A frame that comes with the one before waited for it: its own
+/// wait was no longer.
+fn most_likely(numbers: &[i64], arrived: &[f64], period_s: f64, waits_s: &[f64]) -> (Vec<i64>, Vec<bool>) {
+    let n = arrived.len();
+    let usual_s = own_wait_s(arrived, waits_s);
+    let lost = |i: usize| numbers[i] - i as i64;
+    // One fewer than were found lost, to one more.
+    let (least, most) = (lost(0) - 1, lost(n - 1) + 1);
+    let states = (most - least + 1) as usize;
+    let ln_likelihood = |i: usize, state: usize| {
+        let wait_s = waits_s[i] - (least + state as i64 - lost(i)) as f64 * period_s;
+        // Nothing comes before its time, but for what the line is off.
+        let early = (wait_s / LINE_S + 1.0).min(0.0);
+        let wait_s = wait_s.max(LINE_S);
+        early + if with_last(arrived, i) { (-(-wait_s / usual_s).exp()).ln_1p() } else { -wait_s / usual_s }
+    };
+    let on = |from: usize, to: usize| if from == to { 0.0 } else { -LOSS_NATS - (to - from - 1) as f64 };
+    let ln_sum = |terms: &mut dyn Iterator<Item = f64>| {
+        let terms: Vec<f64> = terms.collect();
+        let most = terms.iter().copied().fold(f64::MIN, f64::max);
+        most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()
+    };
+    let mut forward = vec![(0..states).map(|s| ln_likelihood(0, s)).collect::<Vec<f64>>()];
+    for i in 1..n {
+        let before = &forward[i - 1];
+        let row = (0..states)
+            .map(|to| ln_likelihood(i, to) + ln_sum(&mut (0..=to).map(|from| before[from] + on(from, to))));
+        let row = row.collect();
+        forward.push(row);
+    }
+    let mut backward = vec![0.0; states];
+    let (mut found, mut doubtful) = (vec![0; n], vec![false; n]);
+    for i in (0..n).rev() {
+        let joint: Vec<f64> = forward[i].iter().zip(&backward).map(|(f, b)| f + b).collect();
+        let all = ln_sum(&mut joint.iter().copied());
+        let best = (0..states).fold(0, |best, s| if joint[s] > joint[best] { s } else { best });
+        found[i] = i as i64 + least + best as i64;
+        let others = ln_sum(&mut (0..states).filter(|s| *s != best).map(|s| joint[s]));
+        doubtful[i] = others - all > -DOUBT_NATS;
+        backward = (0..states)
+            .map(|from| {
+                ln_sum(&mut (from..states).map(|to| on(from, to) + ln_likelihood(i, to) + backward[to]))
+            })
+            .collect();
+    }
+    (found, doubtful)
 }
 
 /// Least-squares line of arrival over number: its slope, and how far each arrival lies above it.
@@ -314,23 +380,17 @@ mod tests {
     fn frames_that_wait_for_longer_than_a_period_keep_their_numbers() {
         for (seed, wait_s) in (0..).zip([0.01, 0.02, 0.03, 0.045, 0.06].repeat(4)) {
             // Where frames that wait are lost too, which one is lost stays hidden now and then.
-            for (lost, wrong_share, slope_off) in [(0.0, 0.0, 1e-4), (0.002, 0.0, 5e-4), (0.02, 0.1, 5e-4)] {
+            for (lost, wrong_share, slope_off) in [(0.0, 0.0, 1e-4), (0.002, 0.0, 5e-4), (0.02, 0.02, 5e-4)] {
                 let (truth, arrived) = queue(wait_s, lost, seed);
                 // A rig's period is right to a few thousandths.
-                let numbers = jittery_numbers(&arrived, PERIOD_S * 1.001);
-                let (slope, waits_s) = earliest_line(&numbers, &arrived);
-                let doubtful = after_losses(&numbers, &arrived, &waits_s, PERIOD_S);
+                let (numbers, slope, _, doubtful) = jittery_line(&arrived, PERIOD_S * 1.001);
                 let mut off: Vec<i64> =
                     (0..truth.len()).filter(|i| !doubtful[*i]).map(|i| numbers[i] - truth[i]).collect();
                 off.sort_unstable();
                 let usual = off[off.len() / 2];
                 let wrong = off.iter().filter(|off| **off != usual).count() as f64 / off.len() as f64;
                 assert!(wrong <= wrong_share, "waits of {wait_s} s, {lost} lost: {wrong} wrong");
-                assert!(
-                    5 * off.len() > 2 * truth.len(),
-                    "waits of {wait_s} s, {lost} lost: {} left",
-                    off.len()
-                );
+                assert!(8 * off.len() > truth.len(), "waits of {wait_s} s, {lost} lost: {} left", off.len());
                 // Some 0.1 ms of the bus over the ten seconds of an edge; a loss that is misplaced turns it by more.
                 assert!(
                     (slope / PERIOD_S - 1.0).abs() < slope_off,
@@ -338,5 +398,26 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn hardly_a_flight_has_frames_that_count_and_are_a_frame_off() {
+        // Two losses a flight, and a period that is mistaken where waits happen to drift.
+        let (mut wrong, mut left, mut all) = (Vec::new(), 0, 0);
+        for seed in 0..200 {
+            let (truth, arrived) = queue(0.041, 0.002, 1_000 + seed);
+            let (numbers, _, _, doubtful) = jittery_line(&arrived, PERIOD_S);
+            let mut off: Vec<i64> =
+                (0..truth.len()).filter(|i| !doubtful[*i]).map(|i| numbers[i] - truth[i]).collect();
+            off.sort_unstable();
+            if off.first() != off.last() {
+                wrong.push(seed);
+            }
+            left += off.len();
+            all += truth.len();
+        }
+        // Thirteen where a loss was placed by the first frame after which all would else have waited.
+        assert!(10 * left > 9 * all, "{left} of {all} left");
+        assert!(wrong.len() <= 3, "{wrong:?}");
     }
 }
