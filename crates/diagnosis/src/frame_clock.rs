@@ -152,6 +152,9 @@ const DOUBT_NATS: f64 = 8.0;
 const LOSS_NATS: f64 = 6.2;
 /// and a period that needs one, and what excludes that the last few frames all waited by chance.
 const LOSS_OF_PERIOD_NATS: f64 = 8.0;
+/// How many more frames may have been lost than was thought.
+const MORE: [i64; STATES] = [-3, -2, -1, 0, 1, 2, 3];
+const STATES: usize = 7;
 /// How often numbers and the line below their arrivals are found in turn.
 const TURNS: usize = 3;
 /// The same of frames' own waits and their mean.
@@ -239,53 +242,61 @@ fn own_wait_s(arrived: &[f64], waits_s: &[f64]) -> f64 {
 }
 
 /// The most likely numbers of frames that wait exponentially above a line, first come first served, and which of them are in
-/// doubt: a chain whose state is how many frames were lost so far (forward and backward recursions: Rabiner, *A tutorial on
-/// hidden Markov models*, Proceedings of the IEEE 77(2), 1989). A frame that comes with the one before waited for it: its own
-/// wait was no longer.
+/// doubt: a chain whose state is how many more frames were lost so far than was thought (forward and backward recursions:
+/// Rabiner, *A tutorial on hidden Markov models*, Proceedings of the IEEE 77(2), 1989). A frame that comes with the one before
+/// waited for it: its own wait was no longer.
 fn most_likely(numbers: &[i64], arrived: &[f64], period_s: f64, waits_s: &[f64]) -> (Vec<i64>, Vec<bool>) {
     let n = arrived.len();
     let usual_s = own_wait_s(arrived, waits_s);
-    let lost = |i: usize| numbers[i] - i as i64;
-    // One fewer than were found lost, to one more.
-    let (least, most) = (lost(0) - 1, lost(n - 1) + 1);
-    let states = (most - least + 1) as usize;
     let ln_likelihood = |i: usize, state: usize| {
-        let wait_s = waits_s[i] - (least + state as i64 - lost(i)) as f64 * period_s;
+        let wait_s = waits_s[i] - MORE[state] as f64 * period_s;
         // Nothing comes before its time, but for what the line is off.
         let early = (wait_s / LINE_S + 1.0).min(0.0);
         let wait_s = wait_s.max(LINE_S);
         early + if with_last(arrived, i) { (-(-wait_s / usual_s).exp()).ln_1p() } else { -wait_s / usual_s }
     };
-    let on = |from: usize, to: usize| if from == to { 0.0 } else { -LOSS_NATS - (to - from - 1) as f64 };
-    let ln_sum = |terms: &mut dyn Iterator<Item = f64>| {
-        let terms: Vec<f64> = terms.collect();
-        let most = terms.iter().copied().fold(f64::MIN, f64::max);
-        most + terms.iter().map(|term| (term - most).exp()).sum::<f64>().ln()
-    };
-    let mut forward = vec![(0..states).map(|s| ln_likelihood(0, s)).collect::<Vec<f64>>()];
+    // From one state at a frame to another at the next.
+    let ln_step =
+        |i: usize, from: usize, to: usize| match numbers[i + 1] - numbers[i] - 1 + MORE[to] - MORE[from] {
+            0 => 0.0,
+            jump if jump > 0 => -LOSS_NATS - (jump - 1) as f64,
+            _ => f64::NEG_INFINITY,
+        };
+    let mut forward = vec![std::array::from_fn(|state| ln_likelihood(0, state))];
     for i in 1..n {
-        let before = &forward[i - 1];
-        let row = (0..states)
-            .map(|to| ln_likelihood(i, to) + ln_sum(&mut (0..=to).map(|from| before[from] + on(from, to))));
-        let row = row.collect();
-        forward.push(row);
+        let before: [f64; STATES] = forward[i - 1];
+        forward.push(std::array::from_fn(|to| {
+            ln_likelihood(i, to) + ln_sum(std::array::from_fn(|from| before[from] + ln_step(i - 1, from, to)))
+        }));
     }
-    let mut backward = vec![0.0; states];
+    let mut backward = [0.0; STATES];
     let (mut found, mut doubtful) = (vec![0; n], vec![false; n]);
     for i in (0..n).rev() {
-        let joint: Vec<f64> = forward[i].iter().zip(&backward).map(|(f, b)| f + b).collect();
-        let all = ln_sum(&mut joint.iter().copied());
-        let best = (0..states).fold(0, |best, s| if joint[s] > joint[best] { s } else { best });
-        found[i] = i as i64 + least + best as i64;
-        let others = ln_sum(&mut (0..states).filter(|s| *s != best).map(|s| joint[s]));
+        let joint: [f64; STATES] = std::array::from_fn(|state| forward[i][state] + backward[state]);
+        let best = (0..STATES).fold(0, |best, state| if joint[state] > joint[best] { state } else { best });
+        found[i] = numbers[i] + MORE[best];
+        let all = ln_sum(joint);
+        let others =
+            ln_sum(std::array::from_fn(|state| if state == best { f64::NEG_INFINITY } else { joint[state] }));
         doubtful[i] = others - all > -DOUBT_NATS;
-        backward = (0..states)
-            .map(|from| {
-                ln_sum(&mut (from..states).map(|to| on(from, to) + ln_likelihood(i, to) + backward[to]))
-            })
-            .collect();
+        if i > 0 {
+            let on: [f64; STATES] = std::array::from_fn(|to| ln_likelihood(i, to) + backward[to]);
+            backward = std::array::from_fn(|from| {
+                ln_sum(std::array::from_fn(|to| ln_step(i - 1, from, to) + on[to]))
+            });
+        }
+    }
+    // Each by itself the most likely, two may be the same.
+    for i in 1..n {
+        found[i] = found[i].max(found[i - 1] + 1);
     }
     (found, doubtful)
+}
+
+/// Logarithm of a sum of what has these logarithms.
+fn ln_sum(terms: [f64; STATES]) -> f64 {
+    let most = terms.into_iter().fold(f64::MIN, f64::max);
+    most + terms.into_iter().map(|term| (term - most).exp()).sum::<f64>().ln()
 }
 
 /// Least-squares line of arrival over number: its slope, and how far each arrival lies above it.
