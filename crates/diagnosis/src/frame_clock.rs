@@ -427,8 +427,8 @@ mod tests {
             left += off.len();
             all += truth.len();
         }
-        // Thirteen where a loss was placed by the first frame after which all would else have waited.
         assert!(10 * left > 9 * all, "{left} of {all} left");
+        // Thirteen where a loss was placed by the first frame after which all would else have waited.
         assert!(wrong.len() <= 3, "{wrong:?}");
     }
 }

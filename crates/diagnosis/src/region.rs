@@ -43,7 +43,7 @@ pub struct Regions {
     /// The same of an acceleration that grows from flight to flight, in the order in which they are given; 0 where a battery's
     /// charge is fitted, which may not have been made good between them.
     pub drift: f64,
-    /// That part where the one law of the fit is one that only fades, of few forms that are fitted; else 0.
+    /// What lies along the effects' own quantities, where the fit's one law only fades, of few forms that are fitted; else 0.
     pub fading: f64,
     /// Gain of log-evidence of a play of the thrust; 0 where a law of the fit depends on changes of thrust, too.
     pub play: f64,
