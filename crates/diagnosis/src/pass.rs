@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Law, Point, Reach},
+    readback::dragged,
     sight::{Scored, Sight},
     smooth::Knot,
     track::{Felt, Sighting, Track, held},
@@ -343,7 +344,7 @@ impl Play {
     /// Drags it along to a thrust.
     #[inline]
     fn drag(&mut self, ratio: f64) {
-        self.middle = self.middle.clamp(ratio - 0.5 * self.width, ratio + 0.5 * self.width);
+        self.middle = dragged(self.middle, ratio, self.width);
     }
 
     /// Where in it a thrust is, from -1 to 1.

@@ -87,7 +87,7 @@ fn capped(off: f64, sigma: f64) -> f64 {
     (0.5 * (off / sigma).powi(2)).min(CAP)
 }
 
-/// Where a pin with play of such a width is that was at `held` before.
+/// Where what follows through play of such a width is that was at `held` before.
 pub fn dragged(held: f64, told: f64, width: f64) -> f64 {
     held.clamp(told - 0.5 * width, told + 0.5 * width)
 }

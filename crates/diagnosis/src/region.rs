@@ -153,8 +153,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         first += n;
     }
     let of_the_moment = hat_axes.len();
-    let f = information.view((0, 0), (of_the_moment, of_the_moment)).into_owned();
-    let (ceiling, _) = best_gain(&f, &gradient.rows(0, of_the_moment).into_owned(), &WIDTHS);
+    let ceiling = gain_along(&information, &gradient, (0, of_the_moment), &WIDTHS);
     let tracker = seen(&information, &gradient, forces, offsets);
     // Before the steady one.
     let plays = gradient.len() - 1 - PLAYS.len();
@@ -182,11 +181,7 @@ const PLAYS: [f64; 4] = [0.003, 0.01, 0.03, 0.1];
 /// Gain of log-evidence of a play, whose directions begin at `first`: thrust that stays behind, not one that hurries ahead.
 fn play(information: &DMatrix<f64>, gradient: &DVector<f64>, first: usize) -> f64 {
     let behind = (first..first + PLAYS.len()).filter(|i| gradient[*i] < 0.0);
-    let gains = behind.map(|i| {
-        let f = information.view((i, i), (1, 1)).into_owned();
-        best_gain(&f, &gradient.rows(i, 1).into_owned(), &WIDTHS).0
-    });
-    gains.fold(0.0, f64::max)
+    behind.map(|i| gain_along(information, gradient, (i, 1), &WIDTHS)).fold(0.0, f64::max)
 }
 
 /// Fewer flights show a difference, and no drift.
@@ -240,11 +235,7 @@ fn seen(
     ];
     parts
         .into_iter()
-        .map(|(name, at, n, widths)| {
-            let f = information.view((at, at), (n, n)).into_owned();
-            let g = gradient.rows(at, n).into_owned();
-            (name, best_gain(&f, &g, widths).0)
-        })
+        .map(|(name, at, n, widths)| (name, gain_along(information, gradient, (at, n), widths)))
         .collect()
 }
 
@@ -371,6 +362,17 @@ fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>, widths: &[f64]) -> (f64, f64) {
             Some((quadratic - half_ln_det - n as f64 * s.ln(), s))
         })
         .fold((0.0, widths[0]), |best, this| if this.0 > best.0 { this } else { best })
+}
+
+/// The best gain of some directions next to one another: the first, and how many.
+fn gain_along(
+    information: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    (first, n): (usize, usize),
+    widths: &[f64],
+) -> f64 {
+    let f = information.view((first, first), (n, n)).into_owned();
+    best_gain(&f, &gradient.rows(first, n).into_owned(), widths).0
 }
 
 fn solution(f: &DMatrix<f64>, g: &DVector<f64>, s: f64) -> (Vec<f64>, Vec<f64>) {
