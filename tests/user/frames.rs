@@ -22,7 +22,7 @@ fn a_flight_by_rendered_frames_passes_repeats_and_is_drawn() {
     assert_eq!(drawn.len() as u64, 3 * frames.div_ceil(100));
 
     let first = fs::read(&out).unwrap();
-    bench(arguments).assert().success();
+    bench(arguments).arg("--force").assert().success();
     assert!(first == fs::read(&out).unwrap(), "two runs differ");
     let words = stdout(&bench(["info", &out]).assert().success());
     assert!(words.contains("rendered frames"), "{words}");
@@ -98,7 +98,7 @@ fn wrong_frames_are_refused_with_what_to_do() {
     let words = refused(bench(["track", &scratch.name("none")]), 2);
     assert!(words.contains("INDEX.txt"), "{words}");
     fs::write(scratch.path("INDEX.txt"), "r-1.0-1.ppm\nd-1.0-2.pgm\n").unwrap();
-    let words = refused(bench(["track", &scratch.name("")]), 2);
+    let words = refused(bench(["track", &scratch.name(""), "--rig", "virtual"]), 2);
     assert!(words.contains("INDEX.txt:1: r-1.0-1.ppm cannot be read"), "{words}");
     fs::write(scratch.path("few.csv"), "folder,x_m,y_m,z_m\n").unwrap();
     let words = refused(bench(["calibrate", &scratch.name("few.csv"), "-o", &scratch.name("k.toml")]), 2);

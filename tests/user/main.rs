@@ -10,6 +10,7 @@ mod identify;
 mod import;
 mod model;
 mod record;
+mod recorded;
 mod sim;
 mod support;
 mod tune;

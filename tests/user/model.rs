@@ -37,7 +37,7 @@ fn the_way_from_readings_to_a_verified_model() {
     // The rig flies, and predicts a hop of the laboratory that the readings are of.
     let hop = scratch.fly("hop.mcap", &["--mission", "rigs/missions/hop.toml"]);
     let verify = ["verify", "--rig", &ground, &hop];
-    let report = json(&bench(verify).args(["--json", "--html", &page]).assert().success());
+    let report = json(&bench(verify).args(["--json", "--html", &page, "--force"]).assert().success());
     assert_eq!(report["schema"], "bench.verification/1");
     assert_eq!(report["passed"], true);
     assert!(fs::read_to_string(&page).unwrap().contains("The model predicts these flights"));

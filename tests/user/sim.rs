@@ -84,7 +84,7 @@ fn missed_criteria_are_exit_code_1_and_a_safety_stop_is_4() {
     let scratch = Scratch::new();
     let out = scratch.name("f.mcap");
     // A third of the thrust gone: it never leaves the ground effect.
-    let weak = ["sim", "-o", &out, "--effect", "thrust-loss:fraction=0.35", "--json"];
+    let weak = ["sim", "-o", &out, "--force", "--effect", "thrust-loss:fraction=0.35", "--json"];
     let result = json(&bench(weak).assert().code(1));
     assert_eq!(result["passed"], false);
 
@@ -96,7 +96,7 @@ fn missed_criteria_are_exit_code_1_and_a_safety_stop_is_4() {
     fs::write(scratch.path("low.toml"), rig).unwrap();
     let mission = root().join("rigs/missions/climb-040.toml");
     let stopped = ["--rig", &scratch.name("low.toml"), "--mission", mission.to_str().unwrap()];
-    let result = json(&bench(["sim", "-o", &out, "--json"]).args(stopped).assert().code(4));
+    let result = json(&bench(["sim", "-o", &out, "--force", "--json"]).args(stopped).assert().code(4));
     assert_eq!(result["ending"], "stopped");
     assert!(result["reason"].as_str().unwrap().contains("ceiling of 0.3 m"), "{result}");
     // The recording is whole, and says so itself.
@@ -132,7 +132,7 @@ fn the_effects_are_listed_with_their_laws() {
     let scratch = Scratch::new();
     for effect in listed["effects"].as_array().unwrap() {
         let example = effect["example"].as_str().unwrap();
-        let code = bench(["sim", "-o", &scratch.name("x.mcap"), "--effect", example])
+        let code = bench(["sim", "-o", &scratch.name("x.mcap"), "--force", "--effect", example])
             .assert()
             .get_output()
             .status
@@ -187,7 +187,7 @@ fn an_output_that_cannot_be_written_is_one_clear_error() {
 }
 
 #[test]
-fn what_no_simulation_can_make_again_is_not_replaced() {
+fn nothing_is_replaced_unless_told_to() {
     let scratch = Scratch::new();
     let notes = scratch.path("notes.mcap");
     fs::write(&notes, "not a recording").unwrap();
@@ -195,7 +195,40 @@ fn what_no_simulation_can_make_again_is_not_replaced() {
     assert!(words.contains("--force"), "{words}");
     assert_eq!(fs::read_to_string(&notes).unwrap(), "not a recording");
     bench(["sim", "-o", notes.to_str().unwrap(), "--force"]).assert().success();
-    bench(["sim", "-o", notes.to_str().unwrap(), "--seed", "4"]).assert().success();
+    let flown = fs::read(&notes).unwrap();
+    let words = refused(bench(["sim", "-o", notes.to_str().unwrap(), "--seed", "4"]), 2);
+    assert!(words.contains("exists"), "{words}");
+    assert!(fs::read(&notes).unwrap() == flown);
+}
+
+#[test]
+fn flights_that_differ_are_recorded_under_names_that_differ() {
+    let scratch = Scratch::new();
+    let fly = |arguments: &[&str]| {
+        let mut command = bench(["sim", "--mission", "hop"]);
+        command.args(arguments).current_dir(scratch.path(""));
+        command
+    };
+    let lag = ["--effect", "rotor-lag:time_constant_s=0.08"];
+    for arguments in [&[][..], &["--seed", "1"], &["--model", "vertical"], &lag, &["--rig", "loopback"]] {
+        fly(arguments).assert().code(vec![0, 1]);
+    }
+    let mut names: Vec<String> = fs::read_dir(scratch.path("recordings"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    assert_eq!(
+        names,
+        [
+            "loopback_hop_seed0.mcap",
+            "virtual_hop_model=vertical_seed0.mcap",
+            "virtual_hop_rotor-lag-time_constant_s=0.08_seed0.mcap",
+            "virtual_hop_seed0.mcap",
+            "virtual_hop_seed1.mcap",
+        ]
+    );
+    assert!(refused(fly(&[]), 2).contains("--force"));
 }
 
 #[test]

@@ -34,7 +34,7 @@ impl Scratch {
     /// Flies a mission into a file and returns its name.
     pub fn fly(&self, file: &str, arguments: &[&str]) -> String {
         let name = self.name(file);
-        bench(["sim", "-o", &name]).args(arguments).assert().success();
+        bench(["sim", "-o", &name, "--force"]).args(arguments).assert().success();
         name
     }
 }

@@ -15,7 +15,8 @@ const REGION_NATS: f64 = 3.0;
 /// Diagnoses one case: its rig and its recordings, as a user would.
 pub fn diagnosed(rig: &Path, flights: Vec<PathBuf>) -> anyhow::Result<Answer> {
     let rig = Rig::load(rig)?;
-    let (tracks, unusable) = Selection::whole(flights).tracks(&rig, |_, _| ())?;
+    let selection = Selection::whole(flights);
+    let (tracks, unusable) = selection.tracks(&selection.load()?, &rig);
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed: {}", unusable.join("; "));
     }

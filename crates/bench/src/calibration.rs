@@ -16,6 +16,8 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
+use crate::files;
+
 /// Changes when the diagnosis does, so that what it learnt before is not used.
 const GENERATION: &str = "bench.calibration/9";
 /// Fewest sets that show a tail of false alarms.
@@ -26,9 +28,6 @@ const WITH_CAUSES: usize = 3;
 const FIRST_WITH_CAUSES: u64 = 1 << 40;
 /// Ordinary turbulence, m/s: drawn evenly in the logarithm.
 const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
-
-/// Missions that stand for those of logs that carry none.
-const USUAL: &str = "rigs/missions/blind";
 
 /// The missions that recordings carry. Flights without one (imported logs) are stood for by the others, or by the missions of
 /// the blind check.
@@ -51,13 +50,7 @@ impl Missions {
         if !self.0.is_empty() {
             return Ok(self.0.clone());
         }
-        let mut paths: Vec<PathBuf> = fs::read_dir(USUAL)
-            .with_context(|| format!("the flights carry no missions, and there are none in {USUAL} here"))?
-            .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
-            .collect();
-        paths.sort();
-        Ok(paths.iter().map(Mission::load).collect::<Result<_, _>>()?)
+        files::missions(&[PathBuf::from(files::BLIND_MISSIONS)])
     }
 
     fn text(&self) -> String {

@@ -16,6 +16,7 @@ pub mod laws;
 pub mod paper;
 pub mod record_frames;
 pub mod recover;
+pub mod rigs;
 pub mod sim;
 pub mod track;
 pub mod tracks;

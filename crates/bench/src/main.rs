@@ -2,6 +2,7 @@
 //!
 //! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
 
+mod arguments;
 mod balance;
 mod blind_answer;
 mod calibration;
@@ -11,7 +12,9 @@ mod exit;
 mod eyes;
 mod files;
 mod flight;
+mod library;
 mod model_page;
+mod recorded;
 mod seen;
 mod words;
 
@@ -43,6 +46,7 @@ enum Command {
     Hil(commands::hil::Arguments),
     Devices(commands::devices::Arguments),
     Emulate(commands::emulate::Arguments),
+    Rigs(commands::rigs::Arguments),
     Effects(commands::effects::Arguments),
     Info(commands::info::Arguments),
     Export(commands::export::Arguments),
@@ -63,10 +67,11 @@ enum Command {
 
 fn main() -> std::process::ExitCode {
     let outcome = match Cli::parse().command {
-        Command::Sim(arguments) => commands::sim::run(arguments),
+        Command::Sim(arguments) => commands::sim::run(&arguments),
         Command::Hil(arguments) => commands::hil::run(&arguments),
         Command::Devices(arguments) => commands::devices::run(&arguments),
         Command::Emulate(arguments) => commands::emulate::run(arguments),
+        Command::Rigs(arguments) => commands::rigs::run(&arguments),
         Command::Effects(arguments) => commands::effects::run(&arguments),
         Command::Info(arguments) => commands::info::run(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),

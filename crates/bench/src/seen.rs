@@ -16,12 +16,15 @@ use bench_kinect::{
 use bench_plant::lab::Exposures;
 use bench_rig::{Calibration, Mission, PhaseAction, Rig};
 
+/// Lies beside recorded frames: the rig by whose calibration they were made.
+pub const RIG_BESIDE_FRAMES: &str = "rig.toml";
+
 /// The calibration of a rig; an error that says how to get one.
 pub fn calibration<'a>(rig: &'a Rig, file: &Path) -> anyhow::Result<&'a Calibration> {
     rig.calibration.as_ref().ok_or_else(|| {
         anyhow!(
             "{} has no calibration, so nobody knows what its camera sees; add a table [calibration] (as in \
-             rigs/virtual.toml) or `calibration = \"FILE\"` with a file made by `bench calibrate`",
+             the built-in rig virtual) or `calibration = \"FILE\"` with a file made by `bench calibrate`",
             file.display()
         )
     })

@@ -24,7 +24,7 @@ pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};
 pub use phase::{Phase, UnknownPhase};
 pub use rig::{
     Bench, Control, Disturbance, EffectEntry, FeedForward, Loop, Model, Observer, Output, Plant, Predictor,
-    Rig, Safety, Tracker,
+    ReadText, Rig, Safety, Tracker,
 };
 pub use uncertain::Uncertain;
 

@@ -1,5 +1,5 @@
 use std::{
-    fs,
+    fs, io,
     path::{Path, PathBuf},
 };
 
@@ -254,6 +254,9 @@ pub struct EffectEntry {
     pub at: Location,
 }
 
+/// Reads the text of a file that a rig names.
+pub type ReadText<'a> = dyn Fn(&Path) -> io::Result<String> + 'a;
+
 impl Rig {
     /// Reads a rig file and the airframe file that it names.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, RigError> {
@@ -263,9 +266,14 @@ impl Rig {
 
     /// Reads a rig from text; `file` serves messages and finds the airframe file beside it.
     pub fn read(file: &Path, text: &str) -> Result<Self, RigError> {
+        Self::read_with(file, text, &|path: &Path| fs::read_to_string(path))
+    }
+
+    /// The same, with the files that the rig names read by `read_text`: they need not lie on a disk.
+    pub fn read_with(file: &Path, text: &str, read_text: &ReadText<'_>) -> Result<Self, RigError> {
         let root = visit::parse(file, text)?;
-        let airframe_file = named_file(file, &root, "airframe")?;
-        let calibration_file = named_file(file, &root, "calibration")?;
+        let airframe_file = named_file(file, &root, "airframe", read_text)?;
+        let calibration_file = named_file(file, &root, "calibration", read_text)?;
         let mut rig = Self::default();
         let mut problems = Vec::new();
         Reader::read(file, "", &root, &mut problems, |reader| {
@@ -459,12 +467,17 @@ impl Observer {
 }
 
 /// The file named by `key = "..."`, parsed; `None` when it is a table of the rig itself, or absent.
-fn named_file(rig_file: &Path, root: &Node, key: &str) -> Result<Option<(PathBuf, Node)>, RigError> {
+fn named_file(
+    rig_file: &Path,
+    root: &Node,
+    key: &str,
+    read_text: &ReadText<'_>,
+) -> Result<Option<(PathBuf, Node)>, RigError> {
     let Value::Table(entries) = &root.value else { return Ok(None) };
     let Some((_, node)) = entries.iter().find(|(name, _)| name == key) else { return Ok(None) };
     let Value::Text(name) = &node.value else { return Ok(None) };
     let path = rig_file.parent().unwrap_or(Path::new("")).join(name);
-    let text = fs::read_to_string(&path).map_err(|source| {
+    let text = read_text(&path).map_err(|source| {
         RigError::Invalid(vec![Problem::Contradiction {
             at: Location { file: rig_file.to_owned(), line: node.line },
             key: key.to_owned(),

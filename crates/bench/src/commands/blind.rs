@@ -2,20 +2,22 @@ mod answer;
 mod power;
 
 use std::{
-    fs,
     hash::{BuildHasher, RandomState},
     io::IsTerminal,
-    path::{Path, PathBuf},
+    path::PathBuf,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, bail};
 use bench_blind::Plan;
-use bench_rig::Mission;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    arguments::{Force, Json, Page, RigArgument},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Check a diagnosis on flights whose cause is withheld
 #[derive(Args)]
@@ -53,11 +55,10 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
 /// Make cases, seal them, and keep what they are in a key apart
 #[derive(Args)]
 struct SealArguments {
-    /// Rig file
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
-    /// Missions that every case flies in turn: files, or folders of them in the order of their names
-    #[arg(long, num_args = 1.., default_value = "rigs/missions/blind")]
+    #[command(flatten)]
+    rig: RigArgument,
+    /// Missions that every case flies in turn: files, names of built-in ones, or folders of either in the order of their names
+    #[arg(long, num_args = 1.., default_value = files::BLIND_MISSIONS)]
     missions: Vec<PathBuf>,
     /// How many cases
     #[arg(long, default_value_t = 300)]
@@ -78,8 +79,8 @@ struct SealArguments {
 
 fn seal(arguments: &SealArguments) -> anyhow::Result<Exit> {
     let plan = Plan {
-        rig: files::rig(&arguments.rig)?,
-        missions: missions(&arguments.missions)?,
+        rig: arguments.rig.load()?,
+        missions: files::missions(&arguments.missions)?,
         cases: arguments.cases,
         seed: arguments.seed.unwrap_or_else(any_seed),
         with_reserved: arguments.with_reserved,
@@ -125,25 +126,27 @@ struct OpenArguments {
     /// Answers (bench.answers/1)
     #[arg(long)]
     answers: PathBuf,
-    /// Print the score as JSON (schema bench.blind/1)
-    #[arg(long)]
-    json: bool,
-    /// Also write the score as one HTML page
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
+    #[command(flatten)]
+    json: Json,
+    #[command(flatten)]
+    page: Page,
+    #[command(flatten)]
+    force: Force,
 }
 
 fn open(arguments: &OpenArguments) -> anyhow::Result<Exit> {
+    Outputs::new(arguments.force.force)
+        .and(arguments.page.html.as_deref(), Form::Html)
+        .from([arguments.key.as_path(), arguments.answers.as_path()])
+        .check()?;
     let score = bench_blind::open(&arguments.folder, &arguments.key, &arguments.answers)?;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&score)?;
     } else {
         words::print(&score.in_words())?;
     }
-    if let Some(file) = &arguments.html {
-        fs::write(file, bench_blind::page(&score))
-            .with_context(|| format!("cannot write {}", file.display()))?;
-        eprintln!("wrote {}", file.display());
+    if let Some(file) = &arguments.page.html {
+        files::write_and_say(file, &bench_blind::page(&score))?;
     }
     Ok(Exit::Done)
 }
@@ -151,34 +154,6 @@ fn open(arguments: &OpenArguments) -> anyhow::Result<Exit> {
 /// A seed that nobody chose: the standard library's hash keys come from the operating system.
 fn any_seed() -> u64 {
     RandomState::new().hash_one(0)
-}
-
-fn missions(places: &[PathBuf]) -> anyhow::Result<Vec<Mission>> {
-    let mut missions = Vec::new();
-    for place in places {
-        for file in mission_files(place)? {
-            missions.push(Mission::load(file)?);
-        }
-    }
-    Ok(missions)
-}
-
-fn mission_files(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    if !place.is_dir() {
-        return Ok(vec![place.to_owned()]);
-    }
-    let mut found = Vec::new();
-    for entry in fs::read_dir(place).with_context(|| format!("cannot read {}", place.display()))? {
-        let path = entry?.path();
-        if path.extension().is_some_and(|extension| extension == "toml") {
-            found.push(path);
-        }
-    }
-    if found.is_empty() {
-        bail!("no missions in {}; expected .toml files", place.display());
-    }
-    found.sort();
-    Ok(found)
 }
 
 fn progress_bar(length: u64) -> ProgressBar {

@@ -1,16 +1,20 @@
 use std::{
     fmt::Write as _,
-    fs,
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use bench_kinect::calibrate::{self, Band, GOAL_M, Report, read_places, read_reference};
 use bench_rig::Uncertain;
 use clap::Args;
 use serde_json::json;
 
-use crate::{exit::Exit, files, seen, words};
+use crate::{
+    arguments::{Force, Json, RigArgument},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    seen, words,
+};
 
 /// Find out where the camera stands and how it measures, from frames of the marker at measured places
 #[derive(Args)]
@@ -27,9 +31,8 @@ depth).")]
 pub struct Arguments {
     /// Table of places (CSV)
     places: PathBuf,
-    /// Rig that lends the lenses and the marker
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: RigArgument,
     /// Calibration file to write
     #[arg(short, long)]
     output: PathBuf,
@@ -42,20 +45,19 @@ pub struct Arguments {
     /// Latency as known otherwise, such as from `bench diagnose`
     #[arg(long, conflicts_with = "moving")]
     latency_s: Option<f64>,
-    /// Replace the output
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.calibrate/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let rig = files::rig(&arguments.rig)?;
-    let start = seen::calibration(&rig, &arguments.rig)?;
-    if arguments.output.exists() && !arguments.force {
-        bail!("{} exists; name another output or add --force", arguments.output.display());
-    }
+    let rig = arguments.rig.load()?;
+    let start = seen::calibration(&rig, arguments.rig.path())?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_path(), Form::Toml)
+        .from([arguments.places.as_path()])
+        .check()?;
     if arguments.latency_s.is_some_and(|latency_s| !(0.0..=1.0).contains(&latency_s)) {
         bail!("--latency-s must be from 0 to 1");
     }
@@ -79,9 +81,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         arguments.places.display(),
         report.calibration.to_toml()
     );
-    fs::write(&arguments.output, text)
-        .with_context(|| format!("cannot write {}", arguments.output.display()))?;
-    if arguments.json {
+    files::write(&arguments.output, &text)?;
+    if arguments.json.json {
         words::print_json(&as_json(&report, latency_s, &arguments.output))?;
     } else {
         words::print(&in_words(&report, latency_s, &arguments.output))?;

@@ -5,7 +5,7 @@ use bench_kinect::usb::{self, DriverError, Listed, Model};
 use clap::Args;
 use serde_json::json;
 
-use crate::{exit::Exit, words};
+use crate::{arguments::Json, exit::Exit, words};
 
 /// List serial ports and Kinects, with what can be told of them
 #[derive(Args)]
@@ -15,15 +15,14 @@ use crate::{exit::Exit, words};
 
 An emulated board (`bench emulate psoc5`) says its own port; pseudo terminals are not listed.")]
 pub struct Arguments {
-    /// Print as JSON (schema bench.devices/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let ports = ports::list();
     let kinects = usb::list();
-    if arguments.json {
+    if arguments.json.json {
         let ports: Vec<_> = ports
             .iter()
             .map(|port| {

@@ -4,14 +4,14 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Diagnosis, MARK, NextFlight, Problem, Track, Verdict};
-use bench_plant::effects::resolve_all;
+use bench_diagnosis::{Calibration, Diagnosis, NextFlight, Problem, Track, Verdict};
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
 use bench_run::{Ending, simulate_on};
 use clap::Args;
 
 use crate::{
+    arguments::{Force, Json, Page},
     calibration::{self, Missions},
     commands::tracks::Selection,
     diagnosis::{
@@ -19,7 +19,9 @@ use crate::{
         terminal::in_words,
     },
     exit::Exit,
-    files, words,
+    files::{self, Form, Outputs},
+    recorded::NominalRig,
+    words,
 };
 
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
@@ -44,9 +46,8 @@ docs/diagnosis.md has the method, and what it does not do yet.")]
 pub struct Arguments {
     #[command(flatten)]
     selection: Selection,
-    /// Nominal model with tolerances
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: NominalRig,
     /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and three times as many
     /// with effects of the library, and keep what they teach in the cache
     #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100")]
@@ -57,39 +58,45 @@ pub struct Arguments {
     /// Exit with 1 unless the verdict is `none`
     #[arg(long)]
     fail_on_gap: bool,
-    /// Also write a page with plots
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
+    #[command(flatten)]
+    page: Page,
     /// Write the mission that best tells the two leading hypotheses apart
     #[arg(long, value_name = "FILE")]
     next_flight: Option<PathBuf>,
     /// The two hypotheses that the next flight is to tell apart: names of effects, pairs as A+B, or none
     #[arg(long, value_name = "A,B", requires = "next_flight")]
     between: Option<String>,
-    /// Print as JSON (schema bench.diagnosis/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let rig = files::rig(&arguments.rig)?;
-    // The rig's own effects are part of the model that is asked about.
-    resolve_all(&rig.effects)?;
     let between = between(arguments)?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.page.html.as_deref(), Form::Html)
+        .and(arguments.write_rig.as_deref(), Form::Toml)
+        .and(arguments.next_flight.as_deref(), Form::Toml)
+        .from(arguments.selection.flights.iter().map(PathBuf::as_path))
+        .check()?;
+    let recorded = arguments.selection.load()?;
+    let nominal = arguments.rig.resolve(&recorded)?;
+    let rig = nominal.rig;
+    let (tracks, refused) = arguments.selection.tracks(&recorded, &rig);
+    if tracks.is_empty() {
+        bail!("none of the flights can be diagnosed:\n{}", refused.join("\n"));
+    }
+    let mut warnings = [recorded.remarks.clone(), nominal.remarks, refused].concat();
     let mut flown = Missions::default();
-    let mut unread = Vec::new();
-    let (tracks, mut warnings) = arguments.selection.tracks(&rig, |path, flight| {
+    for (path, flight) in &recorded.flights {
         match flight.mission_toml().map(|text| Mission::read(path, text)) {
             Some(Ok(mission)) => flown.0.push(mission),
             // The flights can be diagnosed all the same.
-            Some(Err(error)) => unread.push(format!("the mission that {} holds: {error}", path.display())),
+            Some(Err(error)) => warnings.push(format!("the mission that {} holds: {error}", path.display())),
             None => {}
         }
-    })?;
-    if tracks.is_empty() {
-        bail!("none of the flights can be diagnosed:\n{}", warnings.join("\n"));
     }
-    warnings.extend(unread);
     warnings.extend(unused_motion(&tracks, &rig));
     let calibration = match arguments.calibrate {
         Some(sets) => calibration::learn(&rig, &flown, sets)?,
@@ -108,27 +115,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     }
     diagnosis.warnings = warnings;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&diagnosis)?;
     } else {
         words::print(&in_words(&diagnosis, rig.airframe.actuation))?;
     }
-    if let Some(file) = &arguments.html {
+    if let Some(file) = &arguments.page.html {
         let command = std::iter::once("bench".to_owned())
             .chain(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
             .collect();
-        std::fs::write(file, page(&diagnosis, &Made { rig: &rig, command }))
-            .with_context(|| format!("cannot write {}", file.display()))?;
-        eprintln!("wrote {}", file.display());
+        files::write_and_say(file, &page(&diagnosis, &Made { rig: &rig, command }))?;
     }
     if let Some(path) = &arguments.write_rig {
         write_rig(path, &rig, &diagnosis)?;
-        eprintln!("wrote {}", path.display());
     }
     if let (Some(next), Some(file)) = (&diagnosis.next_flight, &arguments.next_flight) {
-        std::fs::write(file, next.to_toml())
-            .with_context(|| format!("cannot write the mission to {}", file.display()))?;
-        if !arguments.json {
+        files::write(file, &next.to_toml())?;
+        if !arguments.json.json {
             words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
         }
     }
@@ -156,14 +159,8 @@ fn unused_motion(tracks: &[Track], rig: &Rig) -> Option<String> {
     })
 }
 
-/// The two hypotheses of `--between`; also whether the file of the next flight may be written, before the work.
+/// The two hypotheses of `--between`.
 fn between(arguments: &Arguments) -> anyhow::Result<Option<[&str; 2]>> {
-    if let Some(file) = &arguments.next_flight {
-        let proposed = || std::fs::read_to_string(file).is_ok_and(|text| text.starts_with(MARK));
-        if file.exists() && !proposed() {
-            bail!("{} exists and is not a proposed mission; name another file", file.display());
-        }
-    }
     let Some(names) = &arguments.between else { return Ok(None) };
     let Some((first, second)) = names.split_once(',') else {
         bail!("--between {names:?}: expected two hypotheses, such as quadratic-drag,inflow-damping");
@@ -216,8 +213,5 @@ fn write_rig(path: &Path, rig: &Rig, diagnosis: &Diagnosis) -> anyhow::Result<()
         let verdict = &diagnosis.candidates[0].name;
         bail!("the verdict is {verdict}: there is no effect to write into {}", path.display());
     };
-    if path.exists() {
-        bail!("{} exists; name another file for the rig", path.display());
-    }
-    std::fs::write(path, changed.to_toml()).with_context(|| format!("cannot write {}", path.display()))
+    files::write_and_say(path, &changed.to_toml())
 }

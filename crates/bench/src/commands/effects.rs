@@ -4,7 +4,7 @@ use bench_plant::effects::{EffectSpec, LIBRARY, Prior};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::{exit::Exit, words};
+use crate::{arguments::Json, exit::Exit, words};
 
 /// List the effects that the nominal model lacks, with their laws and parameters
 #[derive(Args)]
@@ -15,9 +15,8 @@ use crate::{exit::Exit, words};
 pub struct Arguments {
     /// Only these effects, in full
     names: Vec<String>,
-    /// Print as JSON (schema bench.effects/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
@@ -31,7 +30,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .copied()
         .filter(|spec| arguments.names.is_empty() || arguments.names.iter().any(|name| name == spec.name))
         .collect();
-    if arguments.json {
+    if arguments.json.json {
         let effects: Vec<_> = chosen.iter().map(|spec| as_json(spec)).collect();
         words::print_json(&json!({ "schema": "bench.effects/1", "effects": effects }))?;
     } else if arguments.names.is_empty() {

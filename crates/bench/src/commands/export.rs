@@ -3,7 +3,12 @@ use std::path::PathBuf;
 use bench_recording::{ExportOptions, export};
 use clap::Args;
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    arguments::Force,
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Write a recording as a table for spreadsheets and data tools
 #[derive(Args)]
@@ -23,14 +28,17 @@ pub struct Arguments {
     /// One channel as recorded, instead of one row an iteration
     #[arg(long)]
     channel: Option<String>,
-    /// Replace an existing table
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    force: Force,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    files::make_room(&arguments.output, arguments.force)?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_path(), Form::Table)
+        .from([arguments.recording.as_path()])
+        .check()?;
     let options = ExportOptions { channel: arguments.channel.clone() };
+    files::make_folder(&arguments.output)?;
     let exported = export(&arguments.recording, &arguments.output, &options)?;
     words::print(&format!("{} to {}", words::tables(&exported), arguments.output.display()))?;
     Ok(Exit::Done)

@@ -27,7 +27,14 @@ use tokio::{
     sync::oneshot,
 };
 
-use crate::{exit::Exit, eyes::Eyes, files, seen, words};
+use crate::{
+    arguments::{Force, Json},
+    exit::Exit,
+    eyes::Eyes,
+    files::{self, Form, Outputs},
+    recorded::{self, ADDED_EFFECTS},
+    seen, words,
+};
 use live::Live;
 use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
 use report::Report;
@@ -47,10 +54,10 @@ pub struct Arguments {
     /// Serial port of the board
     #[arg(long)]
     port: Option<String>,
-    /// Rig file
-    #[arg(long, default_value = files::LOOPBACK_RIG)]
+    /// Rig: a file, or the name of a built-in one (`bench rigs` lists them)
+    #[arg(long, value_name = "RIG", default_value = files::LOOPBACK_RIG)]
     rig: PathBuf,
-    /// Mission file, or the name of one in the folder `missions` beside the rig
+    /// Mission: a file, or the name of one in the folder `missions` beside the rig or of a built-in one
     #[arg(long, default_value = "climb-040")]
     mission: String,
     /// Seed of the virtual airframe's and tracker's noise
@@ -61,18 +68,16 @@ pub struct Arguments {
     /// Add an effect to the virtual airframe: NAME:param=value,... (`bench effects` lists them); may be repeated
     #[arg(long = "effect", value_name = "NAME:PARAM=VALUE")]
     effects: Vec<String>,
-    /// Recording to write [default: recordings/hil-MISSION-SECONDS.mcap]
+    /// Recording to write [default: in recordings/, named after rig, mission, effects, seed and time]
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
-    /// Replace an output that no simulation can make again
-    #[arg(long)]
-    force: bool,
-    /// Print the summary as JSON (schema bench.hil/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// How often the screen is brought up to date.
@@ -82,11 +87,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let Some(port) = arguments.port.clone() else {
         bail!("which port is the board on? name it with --port; {}", there_is());
     };
-    let rig = rig(arguments)?;
+    let nominal = files::rig(&arguments.rig)?;
+    let rig = with_effects(arguments, nominal.clone())?;
+    let added = recorded::added_effects(&nominal, &rig);
     let mission = files::mission(&arguments.mission, &arguments.rig)?;
     let seeing = seeing(arguments, &rig, &mission)?;
-    let output = arguments.output.clone().unwrap_or_else(|| default_recording(&mission.name));
-    files::make_room(&output, arguments.force)?;
+    let output = arguments.output.clone().unwrap_or_else(|| {
+        let which = format!("seed{}_{}", arguments.seed, unix_seconds());
+        files::default_recording(&format!("hil_{}", rig.name), &mission.name, &added, &which)
+    });
+    Outputs::new(arguments.force.force)
+        .and(output.as_path(), Form::Recording)
+        .and(arguments.export.as_deref(), Form::Table)
+        .check()?;
 
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, live) = Live::new();
@@ -133,14 +146,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         eprintln!("{sees}");
         warn_of_other_constants(&rig, sees);
     }
-    let session = session(&rig, &mission, arguments.seed, &port, &ready);
-    let recorder = match Recorder::create(&output, &session, Options::REAL_TIME) {
+    let session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
+    let recorder = match recorder(&output, &session) {
         Ok(recorder) => recorder,
         Err(error) => {
             // Without an order the thread disarms and ends.
             drop(order);
             let _ = handle.join();
-            return Err(error.into());
+            return Err(error);
         }
     };
     let _ = order.send(Order::Fly(recorder));
@@ -153,6 +166,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         return Ok(Exit::Stopped);
     };
     finish(arguments, &rig, &mission, &port, &ready, landed, &output)
+}
+
+fn recorder(output: &Path, session: &Session) -> anyhow::Result<Recorder> {
+    files::make_folder(output)?;
+    Ok(Recorder::create(output, session, Options::REAL_TIME)?)
 }
 
 /// Waits for the flight to end, with the screen and the signals.
@@ -214,7 +232,7 @@ fn finish(
         saw: saw.as_ref(),
         checks: bench_run::check(&mission.criteria, &flown.summary),
     };
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&report.as_json(&finished))?;
     } else {
         words::print(&report.in_words(&finished))?;
@@ -235,6 +253,7 @@ fn finish(
         }
     };
     if let (Some(table), Ok(_)) = (&arguments.export, &finished) {
+        files::make_folder(table)?;
         let exported = export(output, table, &ExportOptions::default())
             .with_context(|| format!("cannot export to {}", table.display()))?;
         eprintln!("exported {} to {}", words::tables(&exported), table.display());
@@ -243,8 +262,8 @@ fn finish(
     Ok(if exit != Exit::Stopped && !whole { Exit::DataLoss } else { exit })
 }
 
-fn rig(arguments: &Arguments) -> anyhow::Result<Rig> {
-    let mut rig = files::rig(&arguments.rig)?;
+/// The rig with the effects that were asked for, if hardware can fly it.
+fn with_effects(arguments: &Arguments, mut rig: Rig) -> anyhow::Result<Rig> {
     let path = arguments.rig.display();
     match rig.bench {
         Bench::Loopback => {}
@@ -310,13 +329,10 @@ fn unix_seconds() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
-fn default_recording(mission: &str) -> PathBuf {
-    Path::new("recordings").join(format!("hil-{mission}-{}.mcap", unix_seconds()))
-}
-
-fn session(rig: &Rig, mission: &Mission, seed: u64, port: &str, ready: &Ready) -> Session {
+fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str, ready: &Ready) -> Session {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let extra = [
+        (ADDED_EFFECTS, added.join("; ")),
         ("started_unix_s", unix_seconds().to_string()),
         ("host", host.trim().to_owned()),
         ("port", port.to_owned()),

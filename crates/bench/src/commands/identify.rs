@@ -11,7 +11,15 @@ use bench_rig::{GRAVITY_M_S2, Rig};
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 
-use crate::{commands::tracks::Selection, exit::Exit, files, words, words::short};
+use crate::{
+    arguments::{Force, Json, Page},
+    commands::tracks::Selection,
+    exit::Exit,
+    files::{self, Form, Outputs},
+    recorded::NominalRig,
+    words,
+    words::short,
+};
 
 /// Find the rig's numbers and their tolerances from measurements
 #[derive(Args)]
@@ -32,8 +40,8 @@ enum What {
 struct Balance {
     /// Table of readings, CSV
     readings: PathBuf,
-    /// Rig to begin with
-    #[arg(long)]
+    /// Rig to begin with: a file, or the name of a built-in one (`bench rigs` lists them)
+    #[arg(long, value_name = "RIG")]
     rig: PathBuf,
     /// Rig to write, the airframe in it
     #[arg(short, long)]
@@ -47,15 +55,12 @@ struct Balance {
     /// Step of the balance, g, where the readings' digits do not tell
     #[arg(long, value_name = "GRAMS")]
     resolution_g: Option<f64>,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.identification.thrust/1 or bench.identification.ground-effect/1)
-    #[arg(long)]
-    json: bool,
-    /// Also write a page with the plot
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
+    #[command(flatten)]
+    page: Page,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -71,7 +76,11 @@ enum MountingChoice {
 impl Balance {
     /// Rig and readings; an error where the output may not be written.
     fn begin(&self) -> anyhow::Result<(Rig, Readings)> {
-        files::may_write(&self.output, self.force)?;
+        Outputs::new(self.force.force)
+            .and(self.output.as_path(), Form::Toml)
+            .and(self.page.html.as_deref(), Form::Html)
+            .from([self.readings.as_path()])
+            .check()?;
         let rig = files::rig(&self.rig)?;
         let readings = Readings::load(&self.readings, &rig).context("nothing identified, nothing written")?;
         Ok((rig, readings))
@@ -91,14 +100,13 @@ impl Balance {
         page: impl FnOnce() -> String,
     ) -> anyhow::Result<Exit> {
         files::write_rig(&self.output, head, rig)?;
-        if self.json {
+        if self.json.json {
             words::print_json(found)?;
         } else {
             words::print(&in_words())?;
         }
-        if let Some(file) = &self.html {
-            files::write(file, &page())?;
-            eprintln!("wrote {}", file.display());
+        if let Some(file) = &self.page.html {
+            files::write_and_say(file, &page())?;
         }
         Ok(Exit::Done)
     }
@@ -158,18 +166,15 @@ method.")]
 struct FlightArguments {
     #[command(flatten)]
     selection: Selection,
-    /// Rig to begin with: its numbers and tolerances are what is known before the flights
-    #[arg(long)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: NominalRig,
     /// Rig to write, the airframe in it
     #[arg(short, long)]
     output: PathBuf,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.identification/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
@@ -181,17 +186,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 }
 
 fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
-    files::may_write(&arguments.output, arguments.force)?;
-    let rig = files::rig(&arguments.rig)?;
-    let (tracks, refused) = arguments.selection.tracks(&rig, |_, _| {})?;
+    let selection = &arguments.selection;
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_path(), Form::Toml)
+        .from(selection.flights.iter().map(PathBuf::as_path))
+        .check()?;
+    let recorded = selection.load()?;
+    let nominal = arguments.rig.resolve(&recorded)?;
+    let rig = nominal.rig;
+    let (tracks, refused) = selection.tracks(&recorded, &rig);
     let found = identify_flights(&tracks, &rig);
     let mut found = found.with_context(|| match refused.as_slice() {
         [] => "nothing identified, nothing written".to_owned(),
         refused => format!("nothing identified, nothing written; not used:\n{}", refused.join("\n")),
     })?;
-    found.warnings = refused;
-    files::write_rig(&arguments.output, &head(&found, arguments), &found.rig)?;
-    if arguments.json {
+    found.warnings = [recorded.remarks, nominal.remarks, refused].concat();
+    files::write_rig(&arguments.output, &head(&found, arguments, &nominal.from), &found.rig)?;
+    if arguments.json.json {
         words::print_json(&found)?;
     } else {
         words::print(&in_words(&found, arguments))?;
@@ -200,12 +211,11 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
 }
 
 /// How the rig was made.
-fn head(found: &FlightIdentification, arguments: &FlightArguments) -> String {
+fn head(found: &FlightIdentification, arguments: &FlightArguments, prior: &str) -> String {
     let mut out = format!(
-        "identified by `bench identify flight{}` from {},\n# with {} as prior. A sigma covers the spread between flights.",
+        "identified by `bench identify flight{}` from {},\n# with {prior} as prior. A sigma covers the spread between flights.",
         arguments.selection.options(),
         words::count(found.flights.len() as u64, "flight"),
-        arguments.rig.display(),
     );
     let left: Vec<_> = found.numbers.iter().filter(|n| !n.identified).map(|n| n.name).collect();
     if !left.is_empty() {

@@ -1,9 +1,14 @@
 use std::path::PathBuf;
 
-use bench_recording::import::{ImportMap, import};
+use bench_recording::import::import;
 use clap::Args;
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    arguments::{Force, Json},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Turn a CSV flight log into a recording, by a mapping file
 #[derive(Args)]
@@ -16,29 +21,31 @@ never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
-    /// Mapping file: which column is what, in which unit
-    #[arg(long)]
+    /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them)
+    #[arg(long, value_name = "MAP")]
     map: PathBuf,
-    /// Rig to attach, instead of the map's own
-    #[arg(long)]
+    /// Rig to attach, instead of the map's own: a file, or the name of a built-in one
+    #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
     /// Recording to write
     #[arg(short, long)]
     output: PathBuf,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
-    /// Print the report as JSON (schema bench.import/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let map = ImportMap::load(&arguments.map)?;
-    let rig = arguments.rig.as_deref().map(files::rig).transpose()?;
-    files::make_room(&arguments.output, arguments.force)?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_path(), Form::Recording)
+        .from([arguments.log.as_path(), arguments.map.as_path()])
+        .check()?;
+    let map = files::import_map(&arguments.map)?;
+    let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
+    files::make_folder(&arguments.output)?;
     let report = import(&map, &arguments.log, &arguments.output, rig.as_ref())?;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&report)?;
     } else {
         words::print(&report.to_string())?;

@@ -3,7 +3,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use bench_recording::Info;
 use clap::Args;
 
-use crate::{exit::Exit, words};
+use crate::{arguments::Json, exit::Exit, words};
 
 /// Say what a recording holds
 #[derive(Args)]
@@ -14,14 +14,13 @@ Exit code 3 says that the recording was not closed.")]
 pub struct Arguments {
     /// Recording
     recording: PathBuf,
-    /// Print as JSON (schema bench.info/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let info = Info::read(&arguments.recording)?;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&info)?;
     } else {
         words::print(&in_words(&info))?;

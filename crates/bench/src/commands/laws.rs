@@ -1,6 +1,6 @@
 use std::{fmt::Write as _, io::IsTerminal, path::PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use bench_page::digits;
 use bench_plant::effects::LIBRARY;
 use bench_rig::Rig;
@@ -8,7 +8,12 @@ use bench_tuning::{Achieved, Case, Comparison, Goals, Share, compare};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    arguments::{Force, Json},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Hold control laws against one another, over the tolerances and every effect
 #[derive(Args)]
@@ -21,7 +26,7 @@ The rigs differ in name and [control] alone. Each case draws airframes from the 
 tolerances, with an effect of the library whose size is drawn from its prior, and flies each of
 them under every law: launch, hold 0.4 m, land; launch, hover at 3 cm.")]
 pub struct Arguments {
-    /// Rigs whose laws are compared
+    /// Rigs whose laws are compared: files, or names of built-in ones (`bench rigs` lists them)
     #[arg(required = true)]
     rigs: Vec<PathBuf>,
     /// Airframes drawn for each case
@@ -36,15 +41,20 @@ pub struct Arguments {
     /// Write the comparison as Markdown
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Print as JSON (schema bench.laws/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if arguments.models == 0 {
         bail!("--models 0: nothing would be flown; at least 1");
     }
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_deref(), Form::Markdown)
+        .from(arguments.rigs.iter().map(PathBuf::as_path))
+        .check()?;
     let rigs = arguments.rigs.iter().map(|path| files::rig(path)).collect::<anyhow::Result<Vec<Rig>>>()?;
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
     let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cases ({elapsed}, {eta} left)");
@@ -61,11 +71,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     bar.finish_and_clear();
     let found = found?;
     if let Some(file) = &arguments.output {
-        std::fs::write(file, markdown(&found, arguments))
-            .with_context(|| format!("cannot write {}", file.display()))?;
-        eprintln!("wrote {}", file.display());
+        files::write_and_say(file, &markdown(&found, arguments))?;
     }
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&found)?;
     } else {
         words::print(&in_words(&found))?;

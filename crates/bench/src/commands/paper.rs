@@ -16,7 +16,7 @@ use bench_identification::{
 };
 use bench_page::{Figure, Mark, escaped};
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Options, Record, Recorder, Session};
+use bench_recording::{Flight, Options, Record, Recorder};
 use bench_rig::{Mission, Model, Phase, Rig};
 use bench_run::{Ending, Sink, simulate};
 use clap::Args;
@@ -28,10 +28,12 @@ use self::{
 };
 use super::verify::open_loop;
 use crate::{
+    arguments::{Force, Json, RigArgument},
     balance::Plan,
     exit::Exit,
-    files,
+    files::{self, Form, Outputs},
     model_page::{self, card, ground_figure, mark, table, thrust_figure, trajectory_figure},
+    recorded::{added_effects, simulated_session},
     words,
 };
 
@@ -50,15 +52,15 @@ pub struct Arguments {
     /// Folder for figures, page, readings, rig and recordings
     #[arg(short, long)]
     output: PathBuf,
-    /// Rig that stands for the laboratory, with missions hop and climb-040 beside it
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: RigArgument,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Print what was stated and made as JSON (schema bench.paper/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// Loss of thrust by the emulated battery: the paper's figure 9 shows a small one and gives no number.
@@ -90,9 +92,7 @@ struct Work {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    if arguments.output.exists() && !arguments.output.is_dir() {
-        bail!("{} is not a folder", arguments.output.display());
-    }
+    Outputs::new(arguments.force.force).and(arguments.output.as_path(), Form::Folder).check()?;
     let work = Work::through(arguments)?;
     let statements = work.statements();
     let figures = work.figures();
@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let page = arguments.output.join("index.html");
     files::write(&page, &work.page(&statements, &figures, arguments))?;
     let passed = statements.iter().all(|one| one.passed);
-    if arguments.json {
+    if arguments.json.json {
         let figures = figures.iter().map(|(name, ..)| format!("{name}.svg")).collect();
         words::print_json(&Made { schema: "bench.paper/1", passed, statements: &statements, figures })?;
     } else {
@@ -128,8 +128,8 @@ impl Work {
     /// Measure, identify, verify, fly.
     fn through(arguments: &Arguments) -> anyhow::Result<Self> {
         let folder = &arguments.output;
-        let lab = files::rig(&arguments.rig)?;
-        let rig_file = &arguments.rig;
+        let lab = arguments.rig.load()?;
+        let rig_file = arguments.rig.path();
         let (hop, climb) = (files::mission("hop", rig_file)?, files::mission("climb-040", rig_file)?);
 
         eprintln!("balance: throttle, thrust and altitude");
@@ -161,7 +161,7 @@ impl Work {
         for i in 0..TUNING_FLIGHTS {
             let mission = if i % 2 == 0 { &hop } else { &climb };
             let name = format!("tuning-{}.mcap", i + 1);
-            let flight = fly(&air, mission, seed + 1 + i, &folder.join(&name))?;
+            let flight = fly(&air, &lab, mission, seed + 1 + i, &folder.join(&name))?;
             tracks.push(Track::from_flight(&name, &flight, &from_balance)?);
         }
         let rig = identify_flights(&tracks, &from_balance)?.rig;
@@ -170,14 +170,15 @@ impl Work {
         files::write_rig(&folder.join("rig.toml"), head, &rig)?;
 
         eprintln!("figures 11, 15 and 16: another hop and climb, and the model");
-        let hop = fly(&air, &hop, seed, &folder.join("hop.mcap"))?;
+        let hop = fly(&air, &lab, &hop, seed, &folder.join("hop.mcap"))?;
         let against = |rig: &Rig| -> anyhow::Result<Verification> {
             let open: OpenLoop = open_loop("Figure 11: a hop at one throttle", &hop, rig)?;
             Ok(verify(&[open], rig, &Tolerance::default())?)
         };
         let hop_verified = [against(&from_balance)?, against(&rig)?];
-        let climb_flight = fly(&air, &climb, seed, &folder.join("climb.mcap"))?;
-        let model_climb = fly(&calm(&rig), &climb, seed, &folder.join("climb-model.mcap"))?;
+        let climb_flight = fly(&air, &lab, &climb, seed, &folder.join("climb.mcap"))?;
+        let calm = calm(&rig);
+        let model_climb = fly(&calm, &calm, &climb, seed, &folder.join("climb-model.mcap"))?;
         Ok(Self { lab, rig, thrust, ground, hop, hop_verified, climb: climb_flight, model_climb })
     }
 
@@ -318,21 +319,15 @@ fn calm(rig: &Rig) -> Rig {
     rig
 }
 
-fn fly(rig: &Rig, mission: &Mission, seed: u64, file: &Path) -> anyhow::Result<Flight> {
-    files::make_room(file, false)?;
+/// Flies on a rig that the recording says is `nominal` with effects added.
+fn fly(rig: &Rig, nominal: &Rig, mission: &Mission, seed: u64, file: &Path) -> anyhow::Result<Flight> {
+    files::make_folder(file)?;
     let mut records: Vec<Record> = Vec::new();
     let flown = simulate(rig, mission, seed, &mut records, |_| true)?;
     if flown.ending != Ending::Complete {
         bail!("the flight of {} was stopped: {:?}", mission.name, flown.ending);
     }
-    let session = Session {
-        rig_name: rig.name.clone(),
-        rig_toml: Some(rig.to_toml()),
-        mission_name: mission.name.clone(),
-        mission_toml: Some(mission.to_toml()),
-        seed: Some(seed),
-        ..Session::new(Mode::Sim)
-    };
+    let session = simulated_session(nominal, &added_effects(nominal, rig), mission, seed);
     let mut recorder = Recorder::create(file, &session, Options::SIMULATION)?;
     for record in &records {
         recorder.take(*record);

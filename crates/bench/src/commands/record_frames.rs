@@ -2,11 +2,10 @@ mod live;
 
 use std::{
     fmt::Write as _,
-    fs,
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use bench_device::Time;
 use bench_kinect::{
     Frame,
@@ -21,7 +20,13 @@ use clap::{ArgGroup, Args};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::json;
 
-use crate::{exit::Exit, eyes::Eyes, files, seen, words};
+use crate::{
+    arguments::{Json, RigArgument},
+    exit::Exit,
+    eyes::Eyes,
+    files::{self, Form, Outputs},
+    seen, words,
+};
 
 /// Record frames of a Kinect or of the virtual lab, in the folder format of libfreenect's recorder
 #[derive(Args)]
@@ -47,9 +52,8 @@ pub struct Arguments {
     /// Folder for the frames of a flight or of a Kinect
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
-    /// Rig whose calibration is the truth of what the camera sees
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: RigArgument,
     /// Frames at each place
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: u32,
@@ -65,27 +69,33 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Print as JSON (schema bench.record-frames/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    Outputs::new(false).and(arguments.output.as_deref(), Form::Folder).check()?;
     if arguments.eyes.named() {
         return live::run(arguments);
     }
-    let rig = files::rig(&arguments.rig)?;
-    let calibration = seen::calibration(&rig, &arguments.rig)?;
+    let rig = arguments.rig.load()?;
+    let calibration = seen::calibration(&rig, arguments.rig.path())?;
     let recorded = match (&arguments.positions, &arguments.mission, &arguments.output) {
         (Some(table), ..) => places(arguments, &rig, calibration, &read_places(table)?)?,
         (None, Some(mission), Some(folder)) => {
-            vec![flight(arguments, &rig, calibration, &files::mission(mission, &arguments.rig)?, folder)?]
+            vec![flight(
+                arguments,
+                &rig,
+                calibration,
+                &files::mission(mission, arguments.rig.path())?,
+                folder,
+            )?]
         }
         // The argument parser asks for one of them.
         _ => bail!("name a table with --positions, or a mission with --mission and a folder with -o"),
     };
     let frames: usize = recorded.iter().map(|(_, frames)| frames).sum();
-    if arguments.json {
+    if arguments.json.json {
         let folders: Vec<_> =
             recorded.iter().map(|(folder, frames)| json!({ "folder": folder, "frames": frames })).collect();
         words::print_json(&json!({ "schema": "bench.record-frames/1", "folders": folders }))?;
@@ -119,6 +129,7 @@ fn places(
             frame.arrived_at = time.shifted(rig.tracker.latency_s.value);
             recorder.write(&frame)?;
         }
+        files::write(&place.folder.join(seen::RIG_BESIDE_FRAMES), &rig.to_toml())?;
         recorded.push((place.folder.clone(), recorder.finish()?));
     }
     Ok(recorded)
@@ -165,6 +176,7 @@ fn flight(
         }
     }
     let path = folder.join("reference.csv");
-    fs::write(&path, reference).with_context(|| format!("cannot write {}", path.display()))?;
+    files::write(&path, &reference)?;
+    files::write(&folder.join(seen::RIG_BESIDE_FRAMES), &rig.to_toml())?;
     Ok((folder.to_owned(), recorder.finish()?))
 }

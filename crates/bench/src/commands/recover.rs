@@ -3,7 +3,12 @@ use std::path::PathBuf;
 use bench_recording::recover;
 use clap::Args;
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    arguments::{Force, Json},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Make a whole recording of one that was cut or left open
 #[derive(Args)]
@@ -17,18 +22,20 @@ pub struct Arguments {
     /// The recording to write
     #[arg(short, long)]
     output: PathBuf,
-    /// Replace an output that no simulation can make again
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.recover/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    files::make_room(&arguments.output, arguments.force)?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_path(), Form::Recording)
+        .from([arguments.recording.as_path()])
+        .check()?;
+    files::make_folder(&arguments.output)?;
     let report = recover(&arguments.recording, &arguments.output)?;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&report)?;
     } else {
         let lost = match (&report.stopped_by, report.damaged_records, report.trailing_bytes) {

@@ -6,16 +6,18 @@ use std::{
 
 use anyhow::Context;
 use bench_plant::effects::parse_effect;
-use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
+use bench_recording::{ExportOptions, Options, Recorder, export};
 use bench_rig::{Mission, Model, Rig};
 use bench_run::{Progress, check, simulate, simulate_seen};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
+    arguments::{Force, Json, RigArgument},
     exit::Exit,
-    files,
+    files::{self, Form, Outputs},
     flight::Flight,
+    recorded,
     seen::{self, Watch},
     words,
 };
@@ -31,10 +33,9 @@ use crate::{
 The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
 mission's criteria were missed, 4 that a safety limit stopped the flight.")]
 pub struct Arguments {
-    /// Rig file
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
-    /// Mission file, or the name of one in the folder `missions` beside the rig
+    #[command(flatten)]
+    rig: RigArgument,
+    /// Mission: a file, or the name of one in the folder `missions` beside the rig or of a built-in one
     #[arg(long, default_value = "climb-040")]
     mission: String,
     /// Seed of everything random
@@ -55,18 +56,16 @@ pub struct Arguments {
     /// Draw the first of every so many frames
     #[arg(long, default_value_t = 15, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..))]
     views_every: u64,
-    /// Recording to write [default: recordings/MISSION-SEED.mcap]
+    /// Recording to write [default: in recordings/, named after rig, mission, effects and seed]
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
-    /// Replace an output that no simulation can make again
-    #[arg(long)]
-    force: bool,
-    /// Print the summary as JSON (schema bench.sim/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -77,28 +76,36 @@ enum ModelChoice {
     SixDegree,
 }
 
-pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
-    let mut rig = files::rig(&arguments.rig)?;
-    let mission = files::mission(&arguments.mission, &arguments.rig)?;
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let mut nominal = arguments.rig.load()?;
+    let mission = files::mission(&arguments.mission, arguments.rig.path())?;
+    match arguments.model {
+        Some(ModelChoice::Vertical) => nominal.plant.model = Model::Vertical,
+        Some(ModelChoice::SixDegree) => nominal.plant.model = Model::SixDegree,
+        None => {}
+    }
+    let mut rig = nominal.clone();
     for text in &arguments.effects {
         rig.effects.push(parse_effect(text)?);
     }
-    match arguments.model {
-        Some(ModelChoice::Vertical) => rig.plant.model = Model::Vertical,
-        Some(ModelChoice::SixDegree) => rig.plant.model = Model::SixDegree,
-        None => {}
-    }
+    let added = recorded::added_effects(&nominal, &rig);
     // Effects are checked before an output is touched.
     bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
-    let calibration = arguments.frames.then(|| seen::calibration(&rig, &arguments.rig)).transpose()?;
+    let calibration = arguments.frames.then(|| seen::calibration(&rig, arguments.rig.path())).transpose()?;
     if arguments.frames {
         seen::check_mission(&mission)?;
     }
+    let output =
+        arguments.output.clone().unwrap_or_else(|| default_recording(arguments, &rig, &mission, &added));
+    Outputs::new(arguments.force.force)
+        .and(output.as_path(), Form::Recording)
+        .and(arguments.export.as_deref(), Form::Table)
+        .and(arguments.views.as_deref(), Form::Folder)
+        .check()?;
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
-    let output = arguments.output.unwrap_or_else(|| files::default_recording(&mission.name, arguments.seed));
-    files::make_room(&output, arguments.force)?;
+    files::make_folder(&output)?;
 
-    let mut session = session(&rig, &mission, arguments.seed);
+    let mut session = recorded::simulated_session(&nominal, &added, &mission, arguments.seed);
     if arguments.frames {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }
@@ -135,7 +142,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
         checks: &checks,
         watch: arguments.frames.then_some(&watch),
     };
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&flight.as_json("bench.sim/1", &finished))?;
     } else {
         let duration_s = flown.summary.duration_s;
@@ -156,6 +163,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
         return Ok(Exit::DataLoss);
     }
     if let Some(table) = &arguments.export {
+        files::make_folder(table)?;
         let exported = export(&output, table, &ExportOptions::default())
             .with_context(|| format!("cannot export to {}", table.display()))?;
         eprintln!("exported {} to {}", words::tables(&exported), table.display());
@@ -163,15 +171,13 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
     Ok(flight.exit())
 }
 
-fn session(rig: &Rig, mission: &Mission, seed: u64) -> Session {
-    Session {
-        rig_name: rig.name.clone(),
-        rig_toml: Some(rig.to_toml()),
-        mission_name: mission.name.clone(),
-        mission_toml: Some(mission.to_toml()),
-        seed: Some(seed),
-        ..Session::new(Mode::Sim)
-    }
+/// Named after all that tells this simulation from others.
+fn default_recording(arguments: &Arguments, rig: &Rig, mission: &Mission, added: &[String]) -> PathBuf {
+    let model = arguments.model.and_then(|model| model.to_possible_value());
+    let model = model.map(|model| format!("model={}", model.get_name()));
+    let frames = arguments.frames.then(|| "frames".to_owned());
+    let added: Vec<String> = model.into_iter().chain(frames).chain(added.iter().cloned()).collect();
+    files::default_recording(&rig.name, &mission.name, &added, &format!("seed{}", arguments.seed))
 }
 
 fn progress_bar(duration_s: f64) -> ProgressBar {

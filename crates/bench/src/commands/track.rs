@@ -1,17 +1,19 @@
-use std::{fmt::Write as _, fs, path::PathBuf};
+use std::{fmt::Write as _, path::PathBuf};
 
-use anyhow::Context;
+use anyhow::bail;
 use bench_device::TrackStatus;
 use bench_kinect::{
     fakenect::Replay,
     track::{DepthFrom, Sighting, Tracker},
 };
+use bench_rig::Rig;
 use clap::Args;
 use serde_json::json;
 
 use crate::{
+    arguments::{Force, Json},
     exit::Exit,
-    files,
+    files::{self, Form, Outputs},
     seen::{self, Watch},
     words,
 };
@@ -27,9 +29,10 @@ Exit code 1 says that the marker was found in no frame.")]
 pub struct Arguments {
     /// Folder of recorded frames, with INDEX.txt
     folder: PathBuf,
-    /// Rig whose calibration is believed
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    /// Rig whose calibration is believed: a file, or the name of a built-in one [default: the rig.toml that the bench
+    /// wrote beside the frames]
+    #[arg(long, value_name = "RIG")]
+    rig: Option<PathBuf>,
     /// Write the positions as CSV
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -39,15 +42,20 @@ pub struct Arguments {
     /// Draw the first of every so many frames
     #[arg(long, default_value_t = 15, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..))]
     views_every: u64,
-    /// Print as JSON (schema bench.track/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let rig = files::rig(&arguments.rig)?;
-    let calibration = seen::calibration(&rig, &arguments.rig)?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.csv.as_deref(), Form::Csv)
+        .and(arguments.views.as_deref(), Form::Folder)
+        .check()?;
     let mut replay = Replay::open(&arguments.folder)?;
+    let (rig, path) = rig(arguments)?;
+    let calibration = seen::calibration(&rig, &path)?;
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let mut tracker = Tracker::new(calibration);
     let mut rows = Vec::with_capacity(replay.frames());
@@ -58,9 +66,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         rows.push((frame.arrived_at.seconds(), sighting));
     }
     if let Some(path) = &arguments.csv {
-        fs::write(path, as_csv(&rows)).with_context(|| format!("cannot write {}", path.display()))?;
+        files::write(path, &as_csv(&rows))?;
     }
-    if arguments.json {
+    if arguments.json.json {
         let positions: Vec<_> = rows
             .iter()
             .map(|(arrived_s, sighting)| {
@@ -90,6 +98,32 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         return Ok(Exit::DataLoss);
     }
     Ok(if watch.lost == watch.frames { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// The rig that was named, or that lies beside the frames.
+fn rig(arguments: &Arguments) -> anyhow::Result<(Rig, PathBuf)> {
+    let beside = arguments.folder.join(seen::RIG_BESIDE_FRAMES);
+    let path = match &arguments.rig {
+        Some(named) => named.clone(),
+        None if beside.is_file() => beside.clone(),
+        None => bail!(
+            "{} has frames but no {} that says how the camera sees; name a rig with --rig",
+            arguments.folder.display(),
+            seen::RIG_BESIDE_FRAMES
+        ),
+    };
+    let rig = files::rig(&path)?;
+    if arguments.rig.is_some() && beside.is_file() {
+        let own = files::rig(&beside)?;
+        if own.calibration != rig.calibration || own.tracker.latency_s != rig.tracker.latency_s {
+            eprintln!(
+                "warning: calibration or latency of {} are not those of {}, by which the frames were recorded",
+                path.display(),
+                beside.display()
+            );
+        }
+    }
+    Ok((rig, path))
 }
 
 fn status(sighting: &Sighting) -> &'static str {

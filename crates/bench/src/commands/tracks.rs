@@ -1,11 +1,12 @@
 //! Flights as the diagnosis and the identification take them.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use bench_diagnosis::Track;
-use bench_recording::Flight;
 use bench_rig::Rig;
 use clap::{Args, ValueEnum};
+
+use crate::recorded::Recorded;
 
 /// Which flights, and what of them.
 #[derive(Args)]
@@ -55,16 +56,10 @@ impl Selection {
         above.into_iter().chain(without).collect()
     }
 
-    /// Reads the flights, each shown to `look`; those that cannot be used are told in words.
-    pub fn tracks(
-        &self,
-        rig: &Rig,
-        mut look: impl FnMut(&Path, &Flight),
-    ) -> anyhow::Result<(Vec<Track>, Vec<String>)> {
-        let (mut tracks, mut refused) = (Vec::new(), Vec::new());
-        for path in &self.flights {
-            let mut flight = Flight::load(path)?;
-            look(path, &flight);
+    /// Reads the flights, less what is to be left out of them.
+    pub fn load(&self) -> anyhow::Result<Recorded> {
+        let mut recorded = Recorded::load(&self.flights)?;
+        for (_, flight) in &mut recorded.flights {
             for channel in &self.without {
                 match channel {
                     Left::Battery => flight.battery.clear(),
@@ -74,7 +69,15 @@ impl Selection {
                     Left::Tick => flight.ticks.clear(),
                 }
             }
-            let track = Track::from_flight(&path.display().to_string(), &flight, rig);
+        }
+        Ok(recorded)
+    }
+
+    /// The flights as a rig sees them; those that cannot be used are told in words.
+    pub fn tracks(&self, recorded: &Recorded, rig: &Rig) -> (Vec<Track>, Vec<String>) {
+        let (mut tracks, mut refused) = (Vec::new(), Vec::new());
+        for (path, flight) in &recorded.flights {
+            let track = Track::from_flight(&path.display().to_string(), flight, rig);
             let track = match self.above {
                 Some(above_m) => track.and_then(|track| track.above(above_m, rig)),
                 None => track,
@@ -84,6 +87,6 @@ impl Selection {
                 Err(error) => refused.push(error.to_string()),
             }
         }
-        Ok((tracks, refused))
+        (tracks, refused)
     }
 }

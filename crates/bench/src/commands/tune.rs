@@ -12,7 +12,12 @@ use bench_tuning::{Effort, Limits, LoopKind, Made, Margins, Task, Tuned, Tuning,
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::{exit::Exit, files, words};
+use crate::{
+    arguments::{Force, Json, Page},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Find gains for a rig that hold for all that its tolerances allow
 #[derive(Args)]
@@ -27,8 +32,8 @@ rig is written with its comments and its order kept; only gains change. Exit cod
 limit is not held, or that fewer than 99 % of the fresh airframes hold within --rms; the rig is
 written all the same. docs/tune.md has the method.")]
 pub struct Arguments {
-    /// Rig whose gains are tuned: its laws, tolerances, delay and noise
-    #[arg(long)]
+    /// Rig whose gains are tuned, its laws, tolerances, delay and noise: a file, or the name of a built-in one
+    #[arg(long, value_name = "RIG")]
     rig: PathBuf,
     /// Rig to write
     #[arg(short, long)]
@@ -75,15 +80,12 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long, default_value_t = Effort::USUAL.seed)]
     seed: u64,
-    /// Also write a page with plots: the trade-off, the loop's response, what growing latency does
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
-    /// Print as JSON (schema bench.tune/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    page: Page,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -112,12 +114,12 @@ const HOLDING: f64 = 0.99;
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let output = &arguments.output;
-    if output.exists() && !arguments.force {
-        bail!("{} exists; name another output or add --force", output.display());
-    }
+    Outputs::new(arguments.force.force)
+        .and(output.as_path(), Form::Toml)
+        .and(arguments.page.html.as_deref(), Form::Html)
+        .check()?;
     let rig = files::rig(&arguments.rig)?;
-    let text = std::fs::read_to_string(&arguments.rig)
-        .with_context(|| format!("cannot read {}", arguments.rig.display()))?;
+    let text = files::read(&files::rig_path(&arguments.rig)?)?;
     let mut loops: Vec<LoopKind> = Vec::new();
     for which in &arguments.loops {
         if !loops.contains(&which.kind()) {
@@ -170,18 +172,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if again.control != tuning.control {
         bail!("the rig's file does not take the gains found; nothing written");
     }
-    if let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    }
-    std::fs::write(output, written).with_context(|| format!("cannot write {}", output.display()))?;
-    if let Some(file) = &arguments.html {
+    files::write(output, &written)?;
+    if let Some(file) = &arguments.page.html {
         let command = format!("bench tune {how}");
-        std::fs::write(file, page(&tuning, &Made { rig: &rig.name, command: &command }))
-            .with_context(|| format!("cannot write {}", file.display()))?;
-        eprintln!("wrote {}", file.display());
+        files::write_and_say(file, &page(&tuning, &Made { rig: &rig.name, command: &command }))?;
     }
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&tuning)?;
     } else {
         words::print(&in_words(&tuning, output))?;

@@ -8,8 +8,11 @@ use bench_rig::{Phase, Rig};
 use clap::Args;
 
 use crate::{
+    arguments::{Force, Json, Page},
     exit::Exit,
-    files, model_page,
+    files::{self, Form, Outputs},
+    model_page,
+    recorded::{NominalRig, Recorded},
     words::{self, short},
 };
 
@@ -30,9 +33,8 @@ pub struct Arguments {
     /// Recordings of open-loop flights
     #[arg(required = true)]
     flights: Vec<PathBuf>,
-    /// Rig whose model is verified
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: NominalRig,
     /// Greatest RMS error of altitude predicted 1 s ahead, m, in any flight
     #[arg(long, value_name = "METRES", default_value_t = Tolerance::default().ahead_m)]
     tolerance: f64,
@@ -45,12 +47,12 @@ pub struct Arguments {
     /// Greatest mean of squared errors over expected ones in any flight, from sighting to sighting; 1 for a right model
     #[arg(long, value_name = "RATIO", default_value_t = Tolerance::default().consistency)]
     consistency: f64,
-    /// Print as JSON (schema bench.verification/1)
-    #[arg(long)]
-    json: bool,
-    /// Also write a page with the trajectories
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
+    #[command(flatten)]
+    json: Json,
+    #[command(flatten)]
+    page: Page,
+    #[command(flatten)]
+    force: Force,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
@@ -73,19 +75,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         inside: arguments.inside,
         consistency: arguments.consistency,
     };
-    let rig = files::rig(&arguments.rig)?;
-    bench_plant::effects::resolve_all(&rig.effects)?;
+    Outputs::new(arguments.force.force)
+        .and(arguments.page.html.as_deref(), Form::Html)
+        .from(arguments.flights.iter().map(PathBuf::as_path))
+        .check()?;
+    let recorded = Recorded::load(&arguments.flights)?;
+    let nominal = arguments.rig.resolve(&recorded)?;
+    for remark in recorded.remarks.iter().chain(&nominal.remarks) {
+        eprintln!("warning: {remark}");
+    }
+    let rig = nominal.rig;
     let mut flights = Vec::new();
-    for path in &arguments.flights {
-        let flight = Flight::load(path)?;
-        flights.push(open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")?);
+    for (path, flight) in &recorded.flights {
+        flights.push(open_loop(&path.display().to_string(), flight, &rig).context("nothing verified")?);
     }
     let found = verify(&flights, &rig, &tolerance).context("nothing verified")?;
-    if let Some(page) = &arguments.html {
-        files::write(page, &model_page::verification(&found, &rig))?;
-        eprintln!("wrote {}", page.display());
+    if let Some(page) = &arguments.page.html {
+        files::write_and_say(page, &model_page::verification(&found, &rig))?;
     }
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&found)?;
     } else {
         words::print(&in_words(&found))?;

@@ -6,13 +6,19 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use bench_blind::{Answer, BlindError, Seal, Unfinished, Verdict};
 use clap::Args;
 use rayon::prelude::*;
 
 use super::progress_bar;
-use crate::{blind_answer, exit::Exit, words};
+use crate::{
+    arguments::{Force, Json},
+    blind_answer,
+    exit::Exit,
+    files::{Form, Outputs},
+    words,
+};
 
 /// Diagnose every sealed case without the key, and write the answers with their hash
 #[derive(Args)]
@@ -29,12 +35,10 @@ pub struct AnswerArguments {
     /// File for the answers (bench.answers/1)
     #[arg(short, long, visible_alias = "out")]
     output: PathBuf,
-    /// Replace answers that are there already
-    #[arg(long)]
-    force: bool,
-    /// Print what was done as JSON (schema bench.answered/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// What was done, for machines.
@@ -55,9 +59,7 @@ struct Answered<'a> {
 
 pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
     let output = &arguments.output;
-    if output.exists() && !arguments.force {
-        bail!("{} exists; name another output or add --force", output.display());
-    }
+    Outputs::new(arguments.force.force).and(output.as_path(), Form::Any).check()?;
     let seal = Seal::load(&arguments.folder)?;
     seal.check_files(&arguments.folder)?;
     let tool = concat!("bench diagnose ", env!("CARGO_PKG_VERSION"));
@@ -89,7 +91,7 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
     let failed: Vec<(&str, &str)> =
         failed.map(|(case, answer)| (case.as_str(), answer.note.as_deref().unwrap_or_default())).collect();
     let seconds = began.elapsed().as_secs_f64();
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&Answered {
             schema: "bench.answered/1",
             answers: output,
@@ -143,7 +145,7 @@ mod tests {
 
     #[test]
     fn an_error_and_a_panic_are_failed_answers_with_the_reason() {
-        let error = or_failed(|| bail!("no flight could be read"));
+        let error = or_failed(|| anyhow::bail!("no flight could be read"));
         assert_eq!(error.verdict, Verdict::Failed);
         assert_eq!(error.note.as_deref(), Some("no flight could be read"));
         let nothing: Vec<f64> = Vec::new();

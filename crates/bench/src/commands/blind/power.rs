@@ -3,8 +3,12 @@ use std::{fmt::Write as _, path::PathBuf};
 use bench_blind::{FormPower, Group, Power, PowerPlan, SeenFrom, THRESHOLDS};
 use clap::Args;
 
-use super::{missions, progress_bar};
-use crate::{exit::Exit, files, words};
+use super::progress_bar;
+use crate::{
+    arguments::{Json, RigArgument},
+    exit::Exit,
+    files, words,
+};
 
 /// Say what a rig's flights can show: how large an effect must be, what is taken for what, which mission helps
 #[derive(Args)]
@@ -18,11 +22,10 @@ physics; it takes minutes. d' of 2 can be suspected, d' of 5 is plain. Sizes are
 which the median airframe shows it, and the range over airframes. docs/blind.md has how d' is
 computed.")]
 pub struct PowerArguments {
-    /// Rig file
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
-    /// Missions, flown in turn: files, or folders of them in the order of their names
-    #[arg(long, num_args = 1.., default_value = "rigs/missions/blind")]
+    #[command(flatten)]
+    rig: RigArgument,
+    /// Missions, flown in turn: files, names of built-in ones, or folders of either in the order of their names
+    #[arg(long, num_args = 1.., default_value = files::BLIND_MISSIONS)]
     missions: Vec<PathBuf>,
     /// Only this effect; may be repeated [default: all]
     #[arg(long = "effect", value_name = "NAME")]
@@ -33,15 +36,14 @@ pub struct PowerArguments {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Print as JSON (schema bench.blind-power/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 pub fn power(arguments: PowerArguments) -> anyhow::Result<Exit> {
     let plan = PowerPlan {
-        rig: files::rig(&arguments.rig)?,
-        missions: missions(&arguments.missions)?,
+        rig: arguments.rig.load()?,
+        missions: files::missions(&arguments.missions)?,
         effects: arguments.effects,
         draws: arguments.draws,
         seed: arguments.seed,
@@ -50,7 +52,7 @@ pub fn power(arguments: PowerArguments) -> anyhow::Result<Exit> {
     let power = bench_blind::power(&plan, |done| bar.set_position(done as u64));
     bar.finish_and_clear();
     let power = power?;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&power)?;
     } else {
         words::print(&in_words(&power))?;

@@ -6,7 +6,13 @@ use anyhow::bail;
 use bench_plant::effects::parse_effect;
 use clap::Args;
 
-use crate::{balance::Plan, exit::Exit, files, words};
+use crate::{
+    arguments::{Force, RigArgument},
+    balance::Plan,
+    exit::Exit,
+    files::{self, Form, Outputs},
+    words,
+};
 
 /// Readings of a balance from which a rig's airframe hangs, as CSV
 #[derive(Args)]
@@ -19,9 +25,8 @@ The rig's airframe is held still, so that its effects act with a speed of zero: 
 `bench identify thrust` and `bench identify ground-effect`. Throttles, altitudes and levels are
 chosen by the rig where none are given.")]
 pub struct Balance {
-    /// Rig whose airframe hangs there
-    #[arg(long, default_value = files::DEFAULT_RIG)]
-    rig: PathBuf,
+    #[command(flatten)]
+    rig: RigArgument,
     /// Add an effect to the rig: NAME:param=value,...; may be repeated
     #[arg(long = "effect", value_name = "NAME:PARAM=VALUE")]
     effects: Vec<String>,
@@ -58,13 +63,13 @@ pub struct Balance {
     /// File to write instead of standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// Replace an existing output
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    force: Force,
 }
 
 pub fn run(arguments: &Balance) -> anyhow::Result<Exit> {
-    let mut rig = files::rig(&arguments.rig)?;
+    Outputs::new(arguments.force.force).and(arguments.output.as_deref(), Form::Csv).check()?;
+    let mut rig = arguments.rig.load()?;
     for text in &arguments.effects {
         rig.effects.push(parse_effect(text)?);
     }
@@ -94,9 +99,7 @@ pub fn run(arguments: &Balance) -> anyhow::Result<Exit> {
     let text = format!("# {}\n{}", words::command(), plan.readings(&rig)?);
     match &arguments.output {
         Some(output) => {
-            files::may_write(output, arguments.force)?;
-            files::write(output, &text)?;
-            eprintln!("wrote {}", output.display());
+            files::write_and_say(output, &text)?;
         }
         None => words::print(&text)?,
     }

@@ -69,7 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     bar.finish_and_clear();
     let statistics = streaming.statistics();
     let frames = recorder.finish()?;
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&json!({
             "schema": "bench.record-frames/1",
             "folders": [{ "folder": folder, "frames": frames }],
