@@ -14,3 +14,4 @@ mod recorded;
 mod sim;
 mod support;
 mod tune;
+mod wrong;

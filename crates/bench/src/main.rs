@@ -18,7 +18,7 @@ mod recorded;
 mod seen;
 mod words;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::exit::Exit;
 
@@ -65,8 +65,17 @@ enum Command {
     Laws(commands::laws::Arguments),
 }
 
+/// The command line. A negative number is taken for a value, so that whoever checks it can say what it must be.
+fn command() -> clap::Command {
+    fn with_negative_numbers(command: clap::Command) -> clap::Command {
+        command.allow_negative_numbers(true).mut_subcommands(with_negative_numbers)
+    }
+    with_negative_numbers(Cli::command())
+}
+
 fn main() -> std::process::ExitCode {
-    let outcome = match Cli::parse().command {
+    let cli = Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
+    let outcome = match cli.command {
         Command::Sim(arguments) => commands::sim::run(&arguments),
         Command::Hil(arguments) => commands::hil::run(&arguments),
         Command::Devices(arguments) => commands::devices::run(&arguments),
