@@ -11,6 +11,7 @@ mod import;
 mod model;
 mod record;
 mod recorded;
+mod rigs;
 mod sim;
 mod support;
 mod tune;
