@@ -5,8 +5,8 @@ sim *ARGS:
     cargo run --release -- sim {{ARGS}}
 
 # Every test, with what they need set up
-test:
-    tests/run
+test *ARGS:
+    tests/run {{ARGS}}
 
 # Format, lints and documentation, warnings denied
 check:
@@ -14,9 +14,13 @@ check:
     cargo clippy --workspace --all-targets --locked -- -D warnings
     RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 
-# Licences, sources and bans of the dependencies
+# Licences, sources, bans and advisories of the dependencies
 deny:
-    cargo deny check bans licenses sources
+    cargo deny check bans licenses sources advisories
+
+# The Debian package, and its debug information in another one
+deb:
+    tools/deb
 
 # Speed: the benches, then the table beside MuJoCo (docs/performance.md)
 bench:
@@ -24,5 +28,5 @@ bench:
     tools/performance
 
 # All that CI runs
-ci:
-    .ci/run
+ci *ARGS:
+    .ci/run {{ARGS}}

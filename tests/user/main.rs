@@ -9,6 +9,7 @@ mod hil;
 mod identify;
 mod import;
 mod model;
+mod packaging;
 mod record;
 mod recorded;
 mod rigs;

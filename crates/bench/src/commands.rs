@@ -2,6 +2,7 @@
 
 pub mod blind;
 pub mod calibrate;
+pub mod completions;
 pub mod devices;
 pub mod diagnose;
 pub mod diff;
@@ -13,6 +14,7 @@ pub mod identify;
 pub mod import;
 pub mod info;
 pub mod laws;
+pub mod man;
 pub mod paper;
 pub mod record_frames;
 pub mod recover;
@@ -21,4 +23,5 @@ pub mod sim;
 pub mod track;
 pub mod tracks;
 pub mod tune;
+pub mod udev;
 pub mod verify;

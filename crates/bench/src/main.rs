@@ -63,6 +63,9 @@ enum Command {
     Paper(commands::paper::Arguments),
     Tune(commands::tune::Arguments),
     Laws(commands::laws::Arguments),
+    Udev(commands::udev::Arguments),
+    Completions(commands::completions::Arguments),
+    Man(commands::man::Arguments),
 }
 
 /// The command line. A negative number is taken for a value, so that whoever checks it can say what it must be.
@@ -93,6 +96,9 @@ fn main() -> std::process::ExitCode {
         Command::Paper(arguments) => commands::paper::run(&arguments),
         Command::Tune(arguments) => commands::tune::run(&arguments),
         Command::Laws(arguments) => commands::laws::run(&arguments),
+        Command::Udev(arguments) => commands::udev::run(&arguments),
+        Command::Completions(arguments) => commands::completions::run(&arguments),
+        Command::Man(arguments) => commands::man::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),

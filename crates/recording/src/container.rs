@@ -12,7 +12,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::RecordingError;
+use crate::{RecordingError, zstd_decoder::ZstdDecoder};
 
 /// Longest record or chunk, compressed or not, that is read: far above anything that the bench writes, and the most
 /// that a damaged length can make a reader allocate.
@@ -41,7 +41,8 @@ pub(crate) struct RecordStream<R> {
 
 impl<R: Read> RecordStream<R> {
     pub fn new(source: R, options: LinearReaderOptions) -> Self {
-        let reader = LinearReader::new_with_options(options.with_record_length_limit(RECORD_LIMIT));
+        let mut reader = LinearReader::new_with_options(options.with_record_length_limit(RECORD_LIMIT));
+        reader.add_decompressor(ZstdDecoder::default()).expect("it has a name");
         Self { source, reader, ended: false }
     }
 

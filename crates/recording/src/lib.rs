@@ -29,6 +29,7 @@ mod recover;
 mod session;
 mod writer;
 mod writer_thread;
+mod zstd_decoder;
 
 pub use channel::Channel;
 pub use error::RecordingError;

@@ -2,9 +2,6 @@ use thiserror::Error;
 
 use super::Model;
 
-/// Lets the group `plugdev` use a Kinect.
-pub const UDEV_RULE: &str = r#"SUBSYSTEM=="usb", ATTR{idVendor}=="045e", ATTR{idProduct}=="02ae|02bf|02b0", MODE="0660", GROUP="plugdev", TAG+="uaccess""#;
-
 /// What can go wrong with a Kinect on the USB.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
@@ -34,9 +31,7 @@ pub enum DriverError {
     },
     /// This user may not use the device.
     #[error(
-        "{device} may not be used by this user; as root, write the line {rule} to /etc/udev/rules.d/51-kinect.rules, run \
-         `udevadm control --reload`, and plug the Kinect in again",
-        rule = UDEV_RULE
+        "{device} may not be used by this user; run `bench udev --install` as root, and plug the Kinect in again"
     )]
     NoAccess {
         /// Which part, and where.

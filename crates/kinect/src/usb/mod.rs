@@ -24,7 +24,7 @@ mod transport;
 
 pub use blocks::Blocks;
 pub use driver::{Kinect, Model, SHUTTER_UNIT_S, Settings, Streaming};
-pub use error::{DriverError, UDEV_RULE};
+pub use error::DriverError;
 pub use frames::{DEVICE, SILENCE_S, Statistics};
 pub use libusb::{Listed, Wanted, list, open};
 pub use motor::{Attitude, Led, Motor};

@@ -1,11 +1,15 @@
-//! Compiles `proto/` to Rust types and, for each message that is a channel, to the `FileDescriptorSet` that a recording
-//! carries as its schema. Needs no `protoc`.
+//! What is made of `proto/`: for the program that writes it and for the test that compares it with what is there.
 
-use std::{collections::BTreeSet, env, error::Error, fs, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    error::Error,
+    fs,
+    path::Path,
+};
 
 use prost::Message;
 
-/// Files whose messages are channels: the descriptor set of each is written to `OUT_DIR/<stem>.fds`.
+/// Files whose messages are channels: the descriptor set of each is `<stem>.fds`.
 const CHANNELS: [&str; 11] = [
     "bench/v1/battery.proto",
     "bench/v1/command.proto",
@@ -20,10 +24,10 @@ const CHANNELS: [&str; 11] = [
     "foxglove/PoseInFrame.proto",
 ];
 
-fn main() -> Result<(), Box<dyn Error>> {
-    println!("cargo:rerun-if-changed=proto");
-    let out = env::var("OUT_DIR")?;
-    let all = protox::compile(CHANNELS, ["proto"])?;
+/// The generated files by name, from the `.proto` files in `proto`.
+pub fn files(proto: &Path) -> Result<BTreeMap<String, Vec<u8>>, Box<dyn Error>> {
+    let mut files = BTreeMap::new();
+    let all = protox::compile(CHANNELS, [proto])?;
     for channel in CHANNELS {
         let mut needed = BTreeSet::new();
         with_imports(channel, &all, &mut needed);
@@ -33,10 +37,15 @@ fn main() -> Result<(), Box<dyn Error>> {
             file.source_code_info = None;
         }
         let stem = Path::new(channel).file_stem().ok_or("a .proto file without a name")?;
-        fs::write(Path::new(&out).join(stem).with_extension("fds"), set.encode_to_vec())?;
+        files.insert(format!("{}.fds", stem.to_string_lossy()), set.encode_to_vec());
     }
-    prost_build::Config::new().compile_fds(all)?;
-    Ok(())
+    let folder = tempfile::tempdir()?;
+    prost_build::Config::new().out_dir(folder.path()).compile_fds(all)?;
+    for entry in fs::read_dir(folder.path())? {
+        let entry = entry?;
+        files.insert(entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path())?);
+    }
+    Ok(files)
 }
 
 /// Adds `name` and, through its imports, every file that it needs.
