@@ -2,6 +2,7 @@
 
 pub mod blind;
 pub mod calibrate;
+pub mod check;
 pub mod devices;
 pub mod diagnose;
 pub mod diff;
@@ -16,6 +17,7 @@ pub mod laws;
 pub mod paper;
 pub mod record_frames;
 pub mod recover;
+pub mod schema;
 pub mod sim;
 pub mod track;
 pub mod tracks;

@@ -12,6 +12,7 @@ mod eyes;
 mod files;
 mod flight;
 mod model_page;
+mod schema;
 mod seen;
 mod words;
 
@@ -59,6 +60,8 @@ enum Command {
     Paper(commands::paper::Arguments),
     Tune(commands::tune::Arguments),
     Laws(commands::laws::Arguments),
+    Schema(commands::schema::Arguments),
+    Check(commands::check::Arguments),
 }
 
 fn main() -> std::process::ExitCode {
@@ -79,6 +82,8 @@ fn main() -> std::process::ExitCode {
         Command::Paper(arguments) => commands::paper::run(&arguments),
         Command::Tune(arguments) => commands::tune::run(&arguments),
         Command::Laws(arguments) => commands::laws::run(&arguments),
+        Command::Schema(arguments) => commands::schema::run(&arguments),
+        Command::Check(arguments) => commands::check::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),

@@ -3,7 +3,7 @@ use std::path::Path;
 use bench_device::Sticks;
 
 use crate::{
-    GRAVITY_M_S2, Location, Problem, RigError, Uncertain,
+    GRAVITY_M_S2, RigError, Uncertain,
     keys::{self, Form},
     rig::read_text,
     visit::{self, Range, Reader, Visitor},
