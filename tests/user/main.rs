@@ -1,6 +1,7 @@
 //! The bench as a user meets it: commands, files, words and exit codes.
 
 mod blind;
+mod check;
 mod compare;
 mod diagnose;
 mod figures;
@@ -10,6 +11,7 @@ mod identify;
 mod import;
 mod model;
 mod record;
+mod schema;
 mod sim;
 mod support;
 mod tune;

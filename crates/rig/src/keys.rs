@@ -34,6 +34,8 @@ pub enum Presence {
     Text(String),
     /// It must be there with the key named here, and not without.
     Along(String),
+    /// It must be there with any of the keys named here, and may be without.
+    Beside(Vec<String>),
 }
 
 /// What a key may hold.
@@ -113,6 +115,13 @@ impl Key {
     #[must_use]
     pub fn or_number(self, number: f64) -> Self {
         Self { presence: Presence::Number(number), ..self }
+    }
+
+    /// The same key, which must be there with any of these.
+    #[must_use]
+    pub fn beside(self, others: &[&str]) -> Self {
+        let others = others.iter().map(|other| (*other).to_owned()).collect();
+        Self { presence: Presence::Beside(others), ..self }
     }
 
     /// The unit that its name tells; `None` for what is a pure number or no number.

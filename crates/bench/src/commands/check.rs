@@ -231,6 +231,11 @@ fn check(file: &Path, wanted: Option<Wanted>) -> Checked {
     };
     checked.file = file.to_owned();
     checked.sound = checked.problems.is_empty();
+    // In the order of the file, then those of the files that it names.
+    checked.problems.sort_by(|a, b| {
+        let place = |problem: &Told| (problem.file != file, problem.file.clone(), problem.line);
+        place(a).cmp(&place(b))
+    });
     checked
 }
 
@@ -285,9 +290,6 @@ fn look(path: &Path) -> Result<Content, Told> {
         return Ok(Content::Foreign(what, hint));
     }
     file.take(TEXT_MAX).read_to_end(&mut bytes).map_err(failed)?;
-    if bytes.is_empty() {
-        return Ok(Content::Foreign("is empty", "there is nothing to check in it"));
-    }
     match String::from_utf8(bytes) {
         Ok(text) => Ok(Content::Text(text)),
         Err(_) => Ok(Content::Foreign(

@@ -56,6 +56,7 @@ fn object(form: &Form) -> Value {
                 depends(other, &key.name);
                 depends(&key.name, other);
             }
+            Presence::Beside(others) => others.iter().for_each(|other| depends(other, &key.name)),
             Presence::Required | Presence::Optional => {}
         }
         if is_required {
@@ -148,7 +149,10 @@ fn pair(first: Value, second: Value) -> Value {
 /// One effect of the library: its name and its parameters.
 fn effect(spec: &EffectSpec) -> Value {
     let mut properties = Map::new();
-    properties.insert("name".to_owned(), json!({ "const": spec.name, "description": spec.summary }));
+    properties.insert(
+        "name".to_owned(),
+        json!({ "const": spec.name, "description": format!("{}.", sentence(spec.summary)) }),
+    );
     let mut required = vec!["name"];
     for parameter in spec.parameters {
         let unit = if parameter.unit == "1" { String::new() } else { format!(" Unit: {}.", parameter.unit) };
@@ -163,7 +167,7 @@ fn effect(spec: &EffectSpec) -> Value {
     json!({
         "type": "object",
         "title": spec.name,
-        "description": format!("{}. Law: {}", sentence(spec.summary), spec.law),
+        "description": format!("{}. Law: {}.", sentence(spec.summary), spec.law),
         "properties": properties,
         "required": required,
         "additionalProperties": false,

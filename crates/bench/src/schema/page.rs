@@ -205,13 +205,19 @@ impl Section {
         let needed: Vec<_> =
             row.presence.iter().filter(|(_, presence)| *presence == Presence::Required).collect();
         if needed.len() == row.presence.len() {
-            return "must be there".to_owned();
+            let another =
+                row.presence.len() < self.forms.len() && needed.iter().all(|(when, _)| when.is_none());
+            return if another { "another key in its place" } else { "must be there" }.to_owned();
         }
         let of_rest = row.presence.iter().find(|(_, presence)| *presence != Presence::Required);
         let rest = match of_rest.map(|(_, presence)| presence) {
             Some(Presence::Number(number)) => format!("{number}"),
             Some(Presence::Text(text)) => format!("`\"{text}\"`"),
             Some(Presence::Along(other)) => format!("must be there with `{other}`"),
+            Some(Presence::Beside(others)) => {
+                let others: Vec<_> = others.iter().map(|other| format!("`{other}`")).collect();
+                format!("none; must be there with {}", others.join(" or "))
+            }
             _ => "none".to_owned(),
         };
         match needed.as_slice() {

@@ -25,11 +25,8 @@ impl ImportMap {
                 Kind::File,
             ),
             Key::optional("delimiter", "What stands between the cells.", choice(&DELIMITERS)).or_text(","),
-            Key::optional(
-                "actuation",
-                "Unit of the sticks; must be there with `[command]` or `[readback]`.",
-                choice(&Actuation::CHOICES),
-            ),
+            Key::optional("actuation", "Unit of the sticks.", choice(&Actuation::CHOICES))
+                .beside(&["command", "readback"]),
             table(
                 "time",
                 "The time of a row.",

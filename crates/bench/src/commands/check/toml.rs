@@ -36,6 +36,9 @@ pub fn check(file: &Path, text: &str, wanted: Option<Kind>) -> Checked {
 
 /// What a text is: the kind that knows most of its keys.
 fn recognise(file: &Path, text: &str) -> Result<Kind, Told> {
+    if text.trim().is_empty() {
+        return Err(Told::of(file, "is empty"));
+    }
     let root = match visit::parse(file, text) {
         Ok(root) => root,
         Err(error) => return Err(no_toml(file, text, &error)),
@@ -141,8 +144,8 @@ fn tolerance(file: &Path, error: &DiffError) -> Told {
     let line = what.split_once("at line ").and_then(|(_, rest)| {
         rest.split(|c: char| !c.is_ascii_digit()).next().and_then(|digits| digits.parse().ok())
     });
-    let last = what.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or(what);
     let (what, hint) =
-        last.split_once("; ").map_or((last, None), |(what, hint)| (what, Some(hint.to_owned())));
-    Told { line, hint, ..Told::of(file, what) }
+        what.split_once("; ").map_or((what, None), |(what, hint)| (what, Some(hint.to_owned())));
+    let last = what.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or(what);
+    Told { line, hint, ..Told::of(file, last) }
 }
