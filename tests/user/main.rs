@@ -1,6 +1,7 @@
 //! The bench as a user meets it: commands, files, words and exit codes.
 
 mod blind;
+mod check;
 mod compare;
 mod diagnose;
 mod figures;
@@ -13,6 +14,7 @@ mod packaging;
 mod record;
 mod recorded;
 mod rigs;
+mod schema;
 mod sim;
 mod support;
 mod tune;

@@ -39,9 +39,37 @@ impl Scratch {
     }
 }
 
-/// Standard output as JSON.
+/// Standard output as JSON, which must be as its schema says.
 pub fn json(assert: &Assert) -> serde_json::Value {
-    serde_json::from_slice(&assert.get_output().stdout).unwrap()
+    let value = serde_json::from_slice(&assert.get_output().stdout).unwrap();
+    conforms(&value);
+    value
+}
+
+/// Holds what a command printed against the schema in `docs/schemas` that it names.
+pub fn conforms(value: &serde_json::Value) {
+    let name = value["schema"].as_str().expect("an output names its schema");
+    let file = root().join("docs/schemas").join(format!("{}.json", name.replace('/', ".")));
+    let text = std::fs::read(&file).unwrap_or_else(|error| {
+        panic!(
+            "{name} has no schema: {}: {error}; docs/schemas/README.md tells how to write one",
+            file.display()
+        )
+    });
+    let schema = serde_json::from_slice(&text).unwrap();
+    let wrong = violations(&schema, value);
+    assert!(
+        wrong.is_empty(),
+        "the output is not as {} says; docs/schemas/README.md tells how to bring them together:\n{}",
+        file.display(),
+        wrong.join("\n")
+    );
+}
+
+/// What a JSON Schema refuses about a value.
+pub fn violations(schema: &serde_json::Value, value: &serde_json::Value) -> Vec<String> {
+    let validator = jsonschema::draft202012::new(schema).expect("the schema is one");
+    validator.iter_errors(value).map(|error| format!("{}: {error}", error.instance_path())).collect()
 }
 
 pub fn stdout(assert: &Assert) -> String {

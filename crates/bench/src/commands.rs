@@ -2,6 +2,7 @@
 
 pub mod blind;
 pub mod calibrate;
+pub mod check;
 pub mod completions;
 pub mod devices;
 pub mod diagnose;
@@ -19,6 +20,7 @@ pub mod paper;
 pub mod record_frames;
 pub mod recover;
 pub mod rigs;
+pub mod schema;
 pub mod sim;
 pub mod track;
 pub mod tracks;

@@ -15,6 +15,7 @@ mod flight;
 mod library;
 mod model_page;
 mod recorded;
+mod schema;
 mod seen;
 mod words;
 
@@ -66,6 +67,8 @@ enum Command {
     Udev(commands::udev::Arguments),
     Completions(commands::completions::Arguments),
     Man(commands::man::Arguments),
+    Schema(commands::schema::Arguments),
+    Check(commands::check::Arguments),
 }
 
 /// The command line. A negative number is taken for a value, so that whoever checks it can say what it must be.
@@ -99,6 +102,8 @@ fn main() -> std::process::ExitCode {
         Command::Udev(arguments) => commands::udev::run(&arguments),
         Command::Completions(arguments) => commands::completions::run(&arguments),
         Command::Man(arguments) => commands::man::run(&arguments),
+        Command::Schema(arguments) => commands::schema::run(&arguments),
+        Command::Check(arguments) => commands::check::run(&arguments),
         Command::Diagnose(arguments) => commands::diagnose::run(&arguments),
         Command::RecordFrames(arguments) => commands::record_frames::run(&arguments),
         Command::Track(arguments) => commands::track::run(&arguments),

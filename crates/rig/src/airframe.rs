@@ -1,8 +1,12 @@
+use std::path::Path;
+
 use bench_device::Sticks;
 
 use crate::{
-    GRAVITY_M_S2, Uncertain,
-    visit::{Range, Visitor},
+    GRAVITY_M_S2, RigError, Uncertain,
+    keys::{self, Form},
+    rig::read_text,
+    visit::{self, Range, Reader, Visitor},
 };
 
 /// The unit in which sticks are commanded; it is part of the keys' names in an airframe file.
@@ -143,39 +147,142 @@ impl Airframe {
         1.0 + (self.ground_effect.multiplier.value - 1.0) * depth
     }
 
+    /// Reads an airframe file, the same keys as the table `[airframe]` of a rig.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, RigError> {
+        let path = path.as_ref();
+        let root = visit::parse(path, &read_text("airframe", path)?)?;
+        let (mut airframe, mut problems) = (Self::default(), Vec::new());
+        Reader::read(path, "", &root, &mut problems, |reader| {
+            airframe.visit(reader);
+            if reader.is_sound() {
+                for (key, detail) in airframe.contradictions() {
+                    reader.contradiction(key, detail);
+                }
+            }
+        });
+        if problems.is_empty() { Ok(airframe) } else { Err(RigError::Invalid(problems)) }
+    }
+
+    /// Every key of an airframe file, once for each unit of the sticks.
+    pub fn keys() -> Vec<Form> {
+        keys::collect(|collector| Self::default().visit(collector))
+    }
+
     pub(crate) fn visit(&mut self, v: &mut impl Visitor) {
-        v.text("name", &mut self.name);
-        v.choice("actuation", &Actuation::CHOICES, &mut self.actuation);
+        v.text("name", "Name of the airframe, as recordings and pages give it.", &mut self.name);
+        v.choice(
+            "actuation",
+            "Unit in which sticks are commanded; the endings of keys below follow it.",
+            &Actuation::CHOICES,
+            &mut self.actuation,
+        );
         let unit = self.actuation.suffix();
-        v.uncertain("mass_kg", Range::above(0.0, 1000.0), &mut self.mass_kg);
-        v.uncertain("drag_n_s_per_m", Range::closed(0.0, 1000.0), &mut self.drag_n_s_per_m);
-        v.table("thrust", |v| {
-            let range = Range::above(0.0, 1e6);
-            v.uncertain(&format!("gain_n_per_{unit}"), range, &mut self.thrust.gain_n_per_unit);
-            v.uncertain(&format!("offset_{unit}"), Range::closed(-1e6, 1e6), &mut self.thrust.offset);
-            let hover_sigma = &mut self.thrust.hover_sigma;
-            v.maybe(&format!("hover_sigma_{unit}"), Range::above(0.0, 1e6), hover_sigma);
-        });
-        v.table("ground_effect", |v| {
-            v.uncertain("multiplier", Range::closed(1.0, 3.0), &mut self.ground_effect.multiplier);
-            v.uncertain("height_m", Range::above(0.0, 10.0), &mut self.ground_effect.height_m);
-        });
-        v.table("sticks", |v| {
+        v.uncertain("mass_kg", "Mass with marker and battery.", Range::above(0.0, 1000.0), &mut self.mass_kg);
+        v.uncertain(
+            "drag_n_s_per_m",
+            "Linear drag: force per speed.",
+            Range::closed(0.0, 1000.0),
+            &mut self.drag_n_s_per_m,
+        );
+        v.table(
+            "thrust",
+            "Throttle to thrust out of the ground effect: thrust = gain (throttle - offset), not below zero.",
+            |v| {
+                let range = Range::above(0.0, 1e6);
+                v.uncertain(
+                    &format!("gain_n_per_{unit}"),
+                    "Thrust per unit of throttle.",
+                    range,
+                    &mut self.thrust.gain_n_per_unit,
+                );
+                v.uncertain(
+                    &format!("offset_{unit}"),
+                    "Throttle at which thrust begins.",
+                    Range::closed(-1e6, 1e6),
+                    &mut self.thrust.offset,
+                );
+                let hover_sigma = &mut self.thrust.hover_sigma;
+                v.maybe(
+                    &format!("hover_sigma_{unit}"),
+                    "One sigma of the throttle that hovers, where flights have told it.",
+                    Range::above(0.0, 1e6),
+                    hover_sigma,
+                );
+            },
+        );
+        v.table(
+            "ground_effect",
+            "Thrust near the ground: times 1 + (multiplier - 1) max(0, 1 - z/height).",
+            |v| {
+                v.uncertain(
+                    "multiplier",
+                    "Thrust at the ground over thrust far from it.",
+                    Range::closed(1.0, 3.0),
+                    &mut self.ground_effect.multiplier,
+                );
+                v.uncertain(
+                    "height_m",
+                    "Altitude at which the ground effect ends.",
+                    Range::above(0.0, 10.0),
+                    &mut self.ground_effect.height_m,
+                );
+            },
+        );
+        v.table("sticks", "What the hand controller's stick inputs take and what they ask for.", |v| {
             let any = Range::closed(-1e6, 1e6);
-            v.number(&format!("min_{unit}"), any, &mut self.sticks.min);
-            v.number(&format!("max_{unit}"), any, &mut self.sticks.max);
-            v.number(&format!("centre_{unit}"), any, &mut self.sticks.centre);
-            v.number(&format!("tilt_rad_per_{unit}"), any, &mut self.sticks.tilt_rad_per_unit);
-            v.number(&format!("yaw_rate_rad_s_per_{unit}"), any, &mut self.sticks.yaw_rate_rad_s_per_unit);
+            v.number(&format!("min_{unit}"), "Lowest input; throttle at rest.", any, &mut self.sticks.min);
+            v.number(&format!("max_{unit}"), "Highest input.", any, &mut self.sticks.max);
+            v.number(&format!("centre_{unit}"), "Pitch, roll and yaw at rest.", any, &mut self.sticks.centre);
+            v.number(
+                &format!("tilt_rad_per_{unit}"),
+                "Tilt asked for by a unit of pitch or roll away from the centre.",
+                any,
+                &mut self.sticks.tilt_rad_per_unit,
+            );
+            v.number(
+                &format!("yaw_rate_rad_s_per_{unit}"),
+                "Yaw rate asked for by a unit of yaw away from the centre.",
+                any,
+                &mut self.sticks.yaw_rate_rad_s_per_unit,
+            );
         });
-        v.table("stabiliser", |v| {
-            let s = &mut self.stabiliser;
-            v.triple("inertia_kg_m2", Range::above(0.0, 100.0), &mut s.inertia_kg_m2);
-            v.number("natural_frequency_rad_s", Range::above(0.0, 200.0), &mut s.natural_frequency_rad_s);
-            v.number("damping_ratio", Range::above(0.0, 5.0), &mut s.damping_ratio);
-            v.number("yaw_time_constant_s", Range::above(0.0, 10.0), &mut s.yaw_time_constant_s);
-            v.number("arm_m", Range::above(0.0, 10.0), &mut s.arm_m);
-        });
+        v.table(
+            "stabiliser",
+            "Rotation under the on-board stabiliser: tilt of second order, yaw rate of first order.",
+            |v| {
+                let s = &mut self.stabiliser;
+                v.triple(
+                    "inertia_kg_m2",
+                    "Principal moments of inertia about body x, y, z.",
+                    Range::above(0.0, 100.0),
+                    &mut s.inertia_kg_m2,
+                );
+                v.number(
+                    "natural_frequency_rad_s",
+                    "Undamped natural frequency of the tilt response.",
+                    Range::above(0.0, 200.0),
+                    &mut s.natural_frequency_rad_s,
+                );
+                v.number(
+                    "damping_ratio",
+                    "Damping ratio of the tilt response.",
+                    Range::above(0.0, 5.0),
+                    &mut s.damping_ratio,
+                );
+                v.number(
+                    "yaw_time_constant_s",
+                    "Time constant of the yaw rate.",
+                    Range::above(0.0, 10.0),
+                    &mut s.yaw_time_constant_s,
+                );
+                v.number(
+                    "arm_m",
+                    "Rotor axis to centre of gravity; with the thrust at hand it limits the torque.",
+                    Range::above(0.0, 10.0),
+                    &mut s.arm_m,
+                );
+            },
+        );
     }
 
     /// What is wrong with values that are fine one by one: key and why.

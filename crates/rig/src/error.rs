@@ -76,6 +76,52 @@ pub enum Problem {
     },
 }
 
+impl Problem {
+    /// Where it stands.
+    pub fn at(&self) -> &Location {
+        match self {
+            Self::UnknownKey { at, .. }
+            | Self::MissingKey { at, .. }
+            | Self::WrongType { at, .. }
+            | Self::OutOfRange { at, .. }
+            | Self::Contradiction { at, .. } => at,
+        }
+    }
+
+    /// The key with its tables.
+    pub fn key(&self) -> &str {
+        match self {
+            Self::UnknownKey { key, .. }
+            | Self::MissingKey { key, .. }
+            | Self::WrongType { key, .. }
+            | Self::OutOfRange { key, .. }
+            | Self::Contradiction { key, .. } => key,
+        }
+    }
+
+    /// What is wrong, without place, key and hint.
+    pub fn what(&self) -> String {
+        match self {
+            Self::UnknownKey { .. } => "unknown key".to_owned(),
+            Self::MissingKey { .. } => "missing".to_owned(),
+            Self::WrongType { found, .. } => format!("is {found}"),
+            Self::OutOfRange { value, .. } => format!("{value} is out of range"),
+            Self::Contradiction { detail, .. } => detail.clone(),
+        }
+    }
+
+    /// What to do about it, where there is more to say than [`Problem::what`].
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::UnknownKey { hint, .. } => Some(hint.clone()),
+            Self::MissingKey { expected, .. }
+            | Self::WrongType { expected, .. }
+            | Self::OutOfRange { expected, .. } => Some(format!("expected {expected}")),
+            Self::Contradiction { .. } => None,
+        }
+    }
+}
+
 /// Why a file could not be used.
 #[derive(Debug, Error)]
 pub enum RigError {

@@ -10,6 +10,7 @@ mod airframe;
 mod calibration;
 mod control_state;
 mod error;
+pub mod keys;
 mod mission;
 mod phase;
 mod rig;

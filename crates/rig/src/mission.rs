@@ -2,8 +2,9 @@ use std::path::Path;
 
 use crate::{
     Phase, RigError,
+    keys::{self, Form},
     rig::read_text,
-    visit::{self, Node, Range, Reader, Value, Visitor, Writer},
+    visit::{self, Range, Reader, Visitor, Writer},
 };
 
 /// What to fly, and what makes the flight a success.
@@ -171,44 +172,35 @@ impl Mission {
         let root = visit::parse(file, text)?;
         let mut mission = Self::default();
         let mut problems = Vec::new();
-        let mut items: &[Node] = &[];
-        Reader::read(file, "", &root, &mut problems, |reader| {
-            reader.text("name", &mut mission.name);
-            reader.text("description", &mut mission.description);
-            if reader.has("criteria") {
-                reader.table("criteria", |reader| mission.criteria.visit(reader));
-            }
-            if let Some(node) = reader.require("phase", "at least one [[phase]]") {
-                match &node.value {
-                    Value::List(list) if !list.is_empty() => items = list,
-                    _ => reader.wrong_type("phase", node, "tables, each written as [[phase]]"),
-                }
-            }
-        });
-        for item in items {
-            Reader::read(file, "phase", item, &mut problems, |reader| {
-                let mut plan = PhasePlan { action: PhaseAction::Idle, duration_s: 0.0 };
-                plan.visit(reader);
-                mission.phases.push(plan);
-            });
-        }
+        Reader::read(file, "", &root, &mut problems, |reader| mission.visit(reader));
         if problems.is_empty() { Ok(mission) } else { Err(RigError::Invalid(problems)) }
     }
 
     /// The mission as a file. [`Mission::read`] gives the same mission back.
     pub fn to_toml(&self) -> String {
         let mut writer = Writer::default();
-        let mut mission = self.clone();
-        writer.text("name", &mut mission.name);
-        writer.text("description", &mut mission.description);
-        if mission.criteria != Criteria::default() {
-            writer.table("criteria", |writer| mission.criteria.visit(writer));
-        }
-        for plan in &mut mission.phases {
-            writer.element("phase");
-            plan.visit(&mut writer);
-        }
+        self.clone().visit(&mut writer);
         writer.out
+    }
+
+    /// Every key of a mission file.
+    pub fn keys() -> Vec<Form> {
+        keys::collect(|collector| Self::default().visit(collector))
+    }
+
+    fn visit(&mut self, v: &mut impl Visitor) {
+        v.text("name", "Name of the mission; a file's name without number and ending.", &mut self.name);
+        v.text("description", "What the mission is for, in a sentence.", &mut self.description);
+        v.maybe_table("criteria", "What a flight must achieve; what is absent is not asked for.", |v| {
+            self.criteria.visit(v);
+        });
+        v.tables(
+            "phase",
+            "What is done one after another.",
+            &mut self.phases,
+            || PhasePlan { action: PhaseAction::Idle, duration_s: 0.0 },
+            PhasePlan::visit,
+        );
     }
 
     /// How long the mission lasts at most, s.
@@ -231,11 +223,16 @@ impl PhasePlan {
             ("land", Phase::Land),
         ];
         let mut kind = self.action.phase();
-        v.choice("kind", &KINDS, &mut kind);
+        v.choice("kind", "What the phase does.", &KINDS, &mut kind);
         if kind != self.action.phase() {
             self.action = PhaseAction::blank(kind);
         }
-        v.number("duration_s", Range::above(0.0, 3600.0), &mut self.duration_s);
+        v.number(
+            "duration_s",
+            "How long the phase lasts at most.",
+            Range::above(0.0, 3600.0),
+            &mut self.duration_s,
+        );
         self.action.visit(v);
     }
 }
@@ -263,50 +260,120 @@ impl PhaseAction {
         match self {
             Self::Idle => {}
             Self::Launch { thrust_to_weight } => {
-                v.points("thrust_to_weight", THRUST_TO_WEIGHT, &mut thrust_to_weight.points, None);
+                v.points("thrust_to_weight", "Nominal thrust out of the ground effect over nominal weight, over time since the phase began.", THRUST_TO_WEIGHT, &mut thrust_to_weight.points, None);
             }
             Self::Open { thrust_to_weight, chirp } => {
-                v.points("thrust_to_weight", THRUST_TO_WEIGHT, &mut thrust_to_weight.points, None);
-                visit_chirp(v, "chirp_amplitude", chirp);
+                v.points("thrust_to_weight", "Nominal thrust out of the ground effect over nominal weight, over time since the phase began.", THRUST_TO_WEIGHT, &mut thrust_to_weight.points, None);
+                visit_chirp(v, "chirp_amplitude", "the thrust-to-weight ratio", chirp);
             }
             Self::Hold { altitude_m, x_m, y_m, heading_rad, chirp } => {
-                v.points("altitude_m", ALTITUDE, &mut altitude_m.points, None);
-                v.points("x_m", LATERAL, &mut x_m.points, Some(0.0));
-                v.points("y_m", LATERAL, &mut y_m.points, Some(0.0));
-                v.points("heading_rad", Range::closed(-3.2, 3.2), &mut heading_rad.points, Some(0.0));
-                visit_chirp(v, "chirp_amplitude_m", chirp);
+                v.points(
+                    "altitude_m",
+                    "Altitude to hold, over time since the phase began.",
+                    ALTITUDE,
+                    &mut altitude_m.points,
+                    None,
+                );
+                v.points(
+                    "x_m",
+                    "x to hold, over time since the phase began.",
+                    LATERAL,
+                    &mut x_m.points,
+                    Some(0.0),
+                );
+                v.points(
+                    "y_m",
+                    "y to hold, over time since the phase began.",
+                    LATERAL,
+                    &mut y_m.points,
+                    Some(0.0),
+                );
+                v.points(
+                    "heading_rad",
+                    "Heading to hold, over time since the phase began.",
+                    Range::closed(-3.2, 3.2),
+                    &mut heading_rad.points,
+                    Some(0.0),
+                );
+                visit_chirp(v, "chirp_amplitude_m", "the altitude", chirp);
             }
             Self::Land { descent_m_s, cut_below_m } => {
-                v.number("descent_m_s", Range::above(0.0, 5.0), descent_m_s);
-                v.number("cut_below_m", Range::closed(0.0, 1.0), cut_below_m);
+                v.number("descent_m_s", "Rate of descent.", Range::above(0.0, 5.0), descent_m_s);
+                v.number(
+                    "cut_below_m",
+                    "Altitude below which the throttle goes to rest.",
+                    Range::closed(0.0, 1.0),
+                    cut_below_m,
+                );
             }
         }
     }
 }
 
-fn visit_chirp(v: &mut impl Visitor, amplitude_key: &str, chirp: &mut Option<Chirp>) {
+fn visit_chirp(v: &mut impl Visitor, amplitude_key: &str, added_to: &str, chirp: &mut Option<Chirp>) {
     let mut amplitude = chirp.map(|chirp| chirp.amplitude);
-    v.maybe(amplitude_key, Range::above(0.0, 10.0), &mut amplitude);
-    if let Some(amplitude) = amplitude {
-        let mut swept = chirp.unwrap_or_default();
-        swept.amplitude = amplitude;
-        v.number("chirp_from_hz", Range::closed(0.0, 100.0), &mut swept.from_hz);
-        v.number("chirp_to_hz", Range::closed(0.0, 100.0), &mut swept.to_hz);
-        *chirp = Some(swept);
-    }
+    let meaning = format!("Amplitude of a sine of sweeping frequency, added to {added_to}.");
+    v.maybe(amplitude_key, &meaning, Range::above(0.0, 10.0), &mut amplitude);
+    let mut swept = chirp.unwrap_or_default();
+    v.along(amplitude_key, amplitude.is_some(), |v| {
+        let hertz = Range::closed(0.0, 100.0);
+        v.number(
+            "chirp_from_hz",
+            "Frequency of the sine at the phase's beginning.",
+            hertz,
+            &mut swept.from_hz,
+        );
+        v.number("chirp_to_hz", "Frequency of the sine at the phase's end.", hertz, &mut swept.to_hz);
+    });
+    *chirp = amplitude.map(|amplitude| Chirp { amplitude, ..swept });
 }
 
 impl Criteria {
     fn visit(&mut self, v: &mut impl Visitor) {
         let metres = Range::closed(0.0, 100.0);
-        v.maybe("peak_min_m", metres, &mut self.peak_min_m);
-        v.maybe("peak_max_m", metres, &mut self.peak_max_m);
-        v.maybe("settle_band_m", Range::above(0.0, 100.0), &mut self.settle_band_m);
-        v.maybe("settling_time_max_s", Range::closed(0.0, 3600.0), &mut self.settling_time_max_s);
-        v.maybe("overshoot_max_m", metres, &mut self.overshoot_max_m);
-        v.maybe("rms_error_max_m", metres, &mut self.rms_error_max_m);
-        v.maybe("lateral_rms_error_max_m", metres, &mut self.lateral_rms_error_max_m);
-        v.maybe("overruns_max", Range::closed(0.0, 1e9), &mut self.overruns_max);
-        v.maybe("rebound_min_m", metres, &mut self.rebound_min_m);
+        v.maybe("peak_min_m", "Highest altitude at least.", metres, &mut self.peak_min_m);
+        v.maybe("peak_max_m", "Highest altitude at most.", metres, &mut self.peak_max_m);
+        v.maybe(
+            "settle_band_m",
+            "Half-width of the band in which a set-point counts as reached.",
+            Range::above(0.0, 100.0),
+            &mut self.settle_band_m,
+        );
+        v.maybe(
+            "settling_time_max_s",
+            "Longest time from a hold's beginning until the band is never left again.",
+            Range::closed(0.0, 3600.0),
+            &mut self.settling_time_max_s,
+        );
+        v.maybe(
+            "overshoot_max_m",
+            "How far the altitude may exceed the hold's set-point after it.",
+            metres,
+            &mut self.overshoot_max_m,
+        );
+        v.maybe(
+            "rms_error_max_m",
+            "RMS altitude error over the last hold once settled, at most.",
+            metres,
+            &mut self.rms_error_max_m,
+        );
+        v.maybe(
+            "lateral_rms_error_max_m",
+            "RMS horizontal error over the last hold once settled, at most.",
+            metres,
+            &mut self.lateral_rms_error_max_m,
+        );
+        v.maybe(
+            "overruns_max",
+            "Iterations of the loop that may overrun.",
+            Range::closed(0.0, 1e9),
+            &mut self.overruns_max,
+        );
+        v.maybe(
+            "rebound_min_m",
+            "Lowest altitude between the first two peaks at least: a rebound that does not touch the ground.",
+            metres,
+            &mut self.rebound_min_m,
+        );
     }
 }

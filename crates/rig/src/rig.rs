@@ -5,7 +5,8 @@ use std::{
 
 use crate::{
     Airframe, Calibration, Location, Problem, RigError, StickRange, Uncertain,
-    visit::{self, Node, Range, Reader, Value, Visitor, Writer},
+    keys::{self, Form, Key, Kind},
+    visit::{self, Node, Range, Reader, Value, Visitor, Writer, float, quoted},
 };
 
 /// The nominal model of a bench and how it is run.
@@ -256,6 +257,10 @@ pub struct EffectEntry {
 
 /// Reads the text of a file that a rig names.
 pub type ReadText<'a> = dyn Fn(&Path) -> io::Result<String> + 'a;
+const AIRFRAME: &str = "What flies: a table, or the name of an airframe file, seen from the rig's folder.";
+const CALIBRATION: &str =
+    "How the camera sees: a table, or the name of a calibration file, seen from the rig's folder.";
+const EFFECT: &str = "Effects added to the nominal model; `bench effects` tells their laws.";
 
 impl Rig {
     /// Reads a rig file and the airframe file that it names.
@@ -331,18 +336,31 @@ impl Rig {
         let mut writer = Writer::default();
         let mut rig = self.clone();
         rig.visit(&mut writer);
-        writer.table("airframe", |writer| rig.airframe.visit(writer));
+        writer.table("airframe", AIRFRAME, |writer| rig.airframe.visit(writer));
         if let Some(calibration) = &mut rig.calibration {
-            writer.table("calibration", |writer| calibration.visit(writer));
+            writer.table("calibration", CALIBRATION, |writer| calibration.visit(writer));
         }
         for effect in &self.effects {
             writer.element("effect");
-            writer.text("name", &mut effect.name.clone());
+            writer.line("name", quoted(&effect.name));
             for (key, value, _) in &effect.parameters {
-                writer.number(key, Range::closed(*value, *value), &mut { *value });
+                writer.line(key, float(*value));
             }
         }
         writer.out
+    }
+
+    /// Every key of a rig file. The parameters of an `[[effect]]` are known to whoever holds the laws.
+    pub fn keys() -> Vec<Form> {
+        let mut forms = keys::collect(|collector| Self::default().visit(collector));
+        let file_or = |table| Kind::AnyOf(vec![Kind::File, Kind::Table(table)]);
+        for form in &mut forms {
+            let after = form.keys.iter().position(|key| key.name == "plant").unwrap_or(form.keys.len());
+            form.keys.insert(after, Key::required("airframe", AIRFRAME, file_or(Airframe::keys())));
+            form.keys.push(Key::optional("calibration", CALIBRATION, file_or(Calibration::keys())));
+            form.keys.push(Key::optional("effect", EFFECT, Kind::Effects));
+        }
+        forms
     }
 
     fn visit(&mut self, v: &mut impl Visitor) {
@@ -355,73 +373,124 @@ impl Rig {
             [("weight", FeedForward::Weight), ("ground-effect", FeedForward::GroundEffect)];
         let probability = Range::closed(0.0, 1.0);
         let gain = Range::closed(0.0, 1000.0);
-        v.text("name", &mut self.name);
-        v.choice_or("bench", &BENCHES, &mut self.bench);
-        v.table("plant", |v| {
-            v.choice("model", &MODELS, &mut self.plant.model);
-            v.number("step_s", Range::closed(1e-5, 0.02), &mut self.plant.step_s);
-            v.number("truth_period_s", Range::closed(1e-4, 10.0), &mut self.plant.truth_period_s);
+        v.text("name", "Name of the rig, as recordings and pages give it.", &mut self.name);
+        v.choice_or("bench", "Which of the loop's ends are real: none; the output, wired to its own input; output, airframe and tracker.", &BENCHES, &mut self.bench);
+        v.table("plant", "How the airframe is simulated.", |v| {
+            v.choice("model", "Equations of the airframe: the paper's vertical model alone, or a rigid body under its stabiliser.", &MODELS, &mut self.plant.model);
+            v.number("step_s", "Integration step, not longer than loop.period_s.", Range::closed(1e-5, 0.02), &mut self.plant.step_s);
+            v.number("truth_period_s", "Time between two records of the true state, not shorter than step_s.", Range::closed(1e-4, 10.0), &mut self.plant.truth_period_s);
         });
-        v.table("loop", |v| {
-            v.number("period_s", Range::closed(0.001, 1.0), &mut self.control_loop.period_s);
-        });
-        v.table("output", |v| {
-            v.integer("bits", 0, 24, &mut self.output.bits);
-            v.maybe("own_step", Range::closed(1e-6, 1e3), &mut self.output.own_step);
+        v.table("loop", "The control loop's timing.", |v| {
             v.number(
-                "readback_noise_fraction",
+                "period_s",
+                "Time between two iterations.",
+                Range::closed(0.001, 1.0),
+                &mut self.control_loop.period_s,
+            );
+        });
+        v.table("output", "The voltage output and its readback.", |v| {
+            v.integer("bits", "Resolution over the airframe's stick range; 0: continuous, or in steps of its own.", 0, 24, &mut self.output.bits);
+            v.maybe("own_step", "Steps of its own, in units of the actuation, whose places only the readback tells; bits is 0 then.", Range::closed(1e-6, 1e3), &mut self.output.own_step);
+            v.number(
+                "readback_noise_fraction", "One sigma of the readback, as a fraction of the stick range.",
                 Range::closed(0.0, 0.1),
                 &mut self.output.readback_noise_fraction,
             );
         });
-        v.table("tracker", |v| {
+        v.table("tracker", "The position source.", |v| {
             let tracker = &mut self.tracker;
-            v.uncertain("latency_s", Range::closed(0.0, 1.0), &mut tracker.latency_s);
-            v.number("frame_period_s", Range::closed(0.001, 1.0), &mut tracker.frame_period_s);
-            v.number("resolution_m", Range::closed(0.0, 0.1), &mut tracker.resolution_m);
-            v.number("noise_m", Range::closed(0.0, 0.1), &mut tracker.noise_m);
-            v.maybe("heading_noise_rad", Range::closed(0.0, 1.0), &mut tracker.heading_noise_rad);
-            v.number("dropout_probability", probability, &mut tracker.dropout_probability);
+            v.uncertain("latency_s", "Exposure to arrival.", Range::closed(0.0, 1.0), &mut tracker.latency_s);
+            v.number(
+                "frame_period_s",
+                "Time between two frames.",
+                Range::closed(0.001, 1.0),
+                &mut tracker.frame_period_s,
+            );
+            v.number(
+                "resolution_m",
+                "Positions come in steps of this; 0: continuous.",
+                Range::closed(0.0, 0.1),
+                &mut tracker.resolution_m,
+            );
+            v.number(
+                "noise_m",
+                "White noise before rounding, one sigma.",
+                Range::closed(0.0, 0.1),
+                &mut tracker.noise_m,
+            );
+            v.maybe(
+                "heading_noise_rad",
+                "White noise of the heading, one sigma; absent: the tracker gives no heading.",
+                Range::closed(0.0, 1.0),
+                &mut tracker.heading_noise_rad,
+            );
+            v.number(
+                "dropout_probability",
+                "Probability that a frame is lost.",
+                probability,
+                &mut tracker.dropout_probability,
+            );
         });
-        v.table("control", |v| {
+        v.table("control", "Laws and gains of the controller; those of the altitude law are per unit of nominal mass.", |v| {
             let control = &mut self.control;
-            v.choice_beside("predictor", &PREDICTORS, &mut control.predictor);
-            v.choice_beside("feed_forward", &FEED_FORWARDS, &mut control.feed_forward);
+            v.choice_beside("predictor", "How position and velocity are predicted over the delay: straight on, or by the airframe's model.", &PREDICTORS, &mut control.predictor);
+            v.choice_beside("feed_forward", "What the altitude law takes for granted of thrust: the weight, or the weight less the ground effect.", &FEED_FORWARDS, &mut control.feed_forward);
             control.observer.visit(v, control.predictor);
-            v.number("position_gain_per_s", gain, &mut control.position_gain_per_s);
-            v.number("speed_gain_per_s", gain, &mut control.speed_gain_per_s);
-            v.number("integral_gain_per_s2", gain, &mut control.integral_gain_per_s2);
-            v.number("extrapolation_s", Range::closed(0.0, 2.0), &mut control.extrapolation_s);
-            v.number("velocity_window_s", Range::above(0.0, 1.0), &mut control.velocity_window_s);
-            v.number("lateral_position_gain_per_s", gain, &mut control.lateral_position_gain_per_s);
-            v.number("lateral_speed_gain_per_s", gain, &mut control.lateral_speed_gain_per_s);
-            v.number("lateral_integral_gain_per_s2", gain, &mut control.lateral_integral_gain_per_s2);
-            v.number("tilt_max_rad", Range::closed(0.0, 1.0), &mut control.tilt_max_rad);
-            v.number("heading_gain_per_s", gain, &mut control.heading_gain_per_s);
+            v.number("position_gain_per_s", "Wanted vertical speed per metre of altitude error.", gain, &mut control.position_gain_per_s);
+            v.number("speed_gain_per_s", "Proportional thrust per mass and speed error.", gain, &mut control.speed_gain_per_s);
+            v.number("integral_gain_per_s2", "Integral thrust per mass, speed error and time; the model predictor's disturbance takes its place.", gain, &mut control.integral_gain_per_s2);
+            v.number("extrapolation_s", "How far position and velocity are extrapolated: latency, hold and half of the velocity window; linear predictor only.", Range::closed(0.0, 2.0), &mut control.extrapolation_s);
+            v.number("velocity_window_s", "Time over which velocity is taken as the slope of the positions; linear predictor only.", Range::above(0.0, 1.0), &mut control.velocity_window_s);
+            v.number("lateral_position_gain_per_s", "Wanted horizontal speed per metre of error.", gain, &mut control.lateral_position_gain_per_s);
+            v.number("lateral_speed_gain_per_s", "Horizontal acceleration per horizontal speed error.", gain, &mut control.lateral_speed_gain_per_s);
+            v.number("lateral_integral_gain_per_s2", "Horizontal acceleration per horizontal speed error and time: trims the sticks' centre.", gain, &mut control.lateral_integral_gain_per_s2);
+            v.number("tilt_max_rad", "Largest tilt asked for.", Range::closed(0.0, 1.0), &mut control.tilt_max_rad);
+            v.number("heading_gain_per_s", "Yaw rate per radian of heading error.", gain, &mut control.heading_gain_per_s);
         });
-        v.table("safety", |v| {
+        v.table("safety", "When to stop a flight.", |v| {
             let safety = &mut self.safety;
-            v.number("ceiling_m", Range::above(0.0, 1000.0), &mut safety.ceiling_m);
-            v.number("radius_m", Range::above(0.0, 1000.0), &mut safety.radius_m);
-            v.number("tracker_timeout_s", Range::above(0.0, 60.0), &mut safety.tracker_timeout_s);
-            v.number("flight_time_max_s", Range::above(0.0, 3600.0), &mut safety.flight_time_max_s);
-            v.integer("overrun_streak", 1, 10_000, &mut safety.overrun_streak);
+            v.number("ceiling_m", "Highest altitude.", Range::above(0.0, 1000.0), &mut safety.ceiling_m);
+            v.number(
+                "radius_m",
+                "Largest horizontal distance from the origin.",
+                Range::above(0.0, 1000.0),
+                &mut safety.radius_m,
+            );
+            v.number(
+                "tracker_timeout_s",
+                "Longest time without a position.",
+                Range::above(0.0, 60.0),
+                &mut safety.tracker_timeout_s,
+            );
+            v.number(
+                "flight_time_max_s",
+                "Longest flight.",
+                Range::above(0.0, 3600.0),
+                &mut safety.flight_time_max_s,
+            );
+            v.integer(
+                "overrun_streak",
+                "Overruns in a row that stop the flight.",
+                1,
+                10_000,
+                &mut safety.overrun_streak,
+            );
         });
-        v.maybe_table("disturbance", |v| {
+        v.maybe_table("disturbance", "What disturbs a nominal flight, as far as it was measured (`bench identify flight`).", |v| {
             let d = &mut self.disturbance;
             let acceleration = Range::above(0.0, 100.0);
-            v.maybe("turbulence_m_s2", acceleration, &mut d.turbulence_m_s2);
-            v.maybe("turbulence_time_s", Range::closed(0.01, 100.0), &mut d.turbulence_time_s);
-            v.maybe("trim_m_s2", acceleration, &mut d.trim_m_s2);
+            v.maybe("turbulence_m_s2", "One sigma of the turbulence's vertical acceleration.", acceleration, &mut d.turbulence_m_s2);
+            v.maybe("turbulence_time_s", "For how long the turbulence remembers.", Range::closed(0.01, 100.0), &mut d.turbulence_time_s);
+            v.maybe("trim_m_s2", "One sigma of the acceleration that a flight keeps and the next has not.", acceleration, &mut d.trim_m_s2);
             let walk = &mut d.trim_walk_m_s2_per_root_s;
-            v.maybe("trim_walk_m_s2_per_root_s", acceleration, walk);
-            v.maybe("white_m_s2_per_root_hz", acceleration, &mut d.white_m_s2_per_root_hz);
-            v.maybe("timing_s", Range::closed(0.0, 1.0), &mut d.timing_s);
-            v.maybe("outlier_probability", Range::closed(0.0, 0.5), &mut d.outlier_probability);
-            v.maybe("outlier_m", Range::above(0.0, 10.0), &mut d.outlier_m);
-            v.maybe("noise_spread_ln", Range::above(0.0, 3.0), &mut d.noise_spread_ln);
-            v.maybe("velocity_noise_m_s", Range::above(0.0, 100.0), &mut d.velocity_noise_m_s);
-            v.maybe("acceleration_noise_m_s2", acceleration, &mut d.acceleration_noise_m_s2);
+            v.maybe("trim_walk_m_s2_per_root_s", "Random walk of that acceleration within a flight.", acceleration, walk);
+            v.maybe("white_m_s2_per_root_hz", "White acceleration: what is faster than turbulence.", acceleration, &mut d.white_m_s2_per_root_hz);
+            v.maybe("timing_s", "One sigma of the exposures' times.", Range::closed(0.0, 1.0), &mut d.timing_s);
+            v.maybe("outlier_probability", "Share of sightings that show a wrong place.", Range::closed(0.0, 0.5), &mut d.outlier_probability);
+            v.maybe("outlier_m", "One sigma of wrong places about the right one; needed with outlier_probability.", Range::above(0.0, 10.0), &mut d.outlier_m);
+            v.maybe("noise_spread_ln", "One sigma of the natural logarithm by which noise of tracker and air differs from flight to flight.", Range::above(0.0, 3.0), &mut d.noise_spread_ln);
+            v.maybe("velocity_noise_m_s", "One sigma of the vertical speed that a recording's motion channel holds; absent: it is not used.", Range::above(0.0, 100.0), &mut d.velocity_noise_m_s);
+            v.maybe("acceleration_noise_m_s2", "One sigma of the vertical acceleration that a recording's motion channel holds; absent: it is not used.", acceleration, &mut d.acceleration_noise_m_s2);
         });
     }
 
@@ -451,15 +520,17 @@ impl Observer {
     /// The model predictor needs its numbers; beside the linear one they may stand for another day.
     fn visit(&mut self, v: &mut impl Visitor, predictor: Predictor) {
         let range = Range::above(0.0, 100.0);
-        for (key, value) in [
-            ("observer_white_m_s2_per_root_hz", &mut self.white_m_s2_per_root_hz),
-            ("observer_drift_m_s2_per_root_s", &mut self.drift_m_s2_per_root_s),
+        let white = "White acceleration besides the model, as the model predictor takes it.";
+        let drift = "Random walk of the acceleration that the airframe may be off its model by.";
+        for (key, meaning, value) in [
+            ("observer_white_m_s2_per_root_hz", white, &mut self.white_m_s2_per_root_hz),
+            ("observer_drift_m_s2_per_root_s", drift, &mut self.drift_m_s2_per_root_s),
         ] {
             if predictor == Predictor::Model {
-                v.number(key, range, value);
+                v.number(key, meaning, range, value);
             } else {
                 let mut maybe = (*value > 0.0).then_some(*value);
-                v.maybe(key, range, &mut maybe);
+                v.maybe(key, meaning, range, &mut maybe);
                 *value = maybe.unwrap_or(0.0);
             }
         }

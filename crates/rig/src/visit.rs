@@ -1,8 +1,9 @@
 //! TOML files of the bench, for whoever reads one: [`parse`] keeps the line of every value, a [`Reader`] takes values
 //! out by key, checks them and collects each [`Problem`] with file, line and key.
 //!
-//! One list of keys serves both directions: a struct's `visit` function names each key with its range once; the reader
-//! fills the struct from TOML and a writer, known to this crate alone, prints the struct as TOML.
+//! One list of keys serves all directions: a struct's `visit` function names each key once, with its meaning and range.
+//! The reader fills the struct from TOML; a writer, known to this crate alone, prints the struct as TOML; a collector makes
+//! the list of [`crate::keys`], from which pages and JSON Schemas come.
 
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
@@ -32,6 +33,24 @@ impl Range {
         Self { low, high, low_open: true }
     }
 
+    /// Any number that is finite.
+    pub const ANY: Self = Self::closed(f64::MIN, f64::MAX);
+
+    /// The lower end; `None` where there is none.
+    pub fn low(self) -> Option<f64> {
+        (self.low > f64::MIN).then_some(self.low)
+    }
+
+    /// The upper end, which is included; `None` where there is none.
+    pub fn high(self) -> Option<f64> {
+        (self.high < f64::MAX).then_some(self.high)
+    }
+
+    /// Whether the lower end is left out.
+    pub const fn is_low_open(self) -> bool {
+        self.low_open
+    }
+
     /// Whether `x` lies in it; NaN never does.
     pub fn contains(self, x: f64) -> bool {
         x <= self.high && if self.low_open { x > self.low } else { x >= self.low }
@@ -39,7 +58,9 @@ impl Range {
 
     /// The range in words, for messages.
     pub fn words(self) -> String {
-        if self.low_open {
+        if self == Self::ANY {
+            "a finite number".to_owned()
+        } else if self.low_open {
             format!("a number above {} and at most {}", self.low, self.high)
         } else {
             format!("a number from {} to {}", self.low, self.high)
@@ -47,32 +68,62 @@ impl Range {
     }
 }
 
-/// Goes through the keys of a table, reading or writing each.
+/// Goes through the keys of a table, reading or writing each. A key's `meaning` is a sentence; its unit stands in the key.
 pub trait Visitor {
     /// A number with its tolerance.
-    fn uncertain(&mut self, key: &str, range: Range, value: &mut Uncertain);
+    fn uncertain(&mut self, key: &str, meaning: &str, range: Range, value: &mut Uncertain);
     /// A number.
-    fn number(&mut self, key: &str, range: Range, value: &mut f64);
+    fn number(&mut self, key: &str, meaning: &str, range: Range, value: &mut f64);
     /// An optional number; absent and `None` are the same.
-    fn maybe(&mut self, key: &str, range: Range, value: &mut Option<f64>);
+    fn maybe(&mut self, key: &str, meaning: &str, range: Range, value: &mut Option<f64>);
     /// A whole number from `low` to `high`.
-    fn integer(&mut self, key: &str, low: u32, high: u32, value: &mut u32);
+    fn integer(&mut self, key: &str, meaning: &str, low: u32, high: u32, value: &mut u32);
     /// A text that is not empty.
-    fn text(&mut self, key: &str, value: &mut String);
+    fn text(&mut self, key: &str, meaning: &str, value: &mut String);
     /// One of the named choices.
-    fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    fn choice<T: Copy + PartialEq>(&mut self, key: &str, meaning: &str, choices: &[(&str, T)], value: &mut T);
     /// One of the named choices; absent, the value stays what it is.
-    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    fn choice_or<T: Copy + PartialEq>(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        choices: &[(&str, T)],
+        value: &mut T,
+    );
     /// One of the named choices, the first of which is meant where the key is absent, and is not written.
-    fn choice_beside<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T);
+    fn choice_beside<T: Copy + PartialEq>(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        choices: &[(&str, T)],
+        value: &mut T,
+    );
     /// A list of three numbers.
-    fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]);
+    fn triple(&mut self, key: &str, meaning: &str, range: Range, value: &mut [f64; 3]);
     /// A number, or points `[time_s, number]` with times that do not fall.
-    fn points(&mut self, key: &str, range: Range, value: &mut Vec<[f64; 2]>, default: Option<f64>);
+    fn points(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        range: Range,
+        value: &mut Vec<[f64; 2]>,
+        default: Option<f64>,
+    );
     /// A table within the table.
-    fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self));
+    fn table(&mut self, key: &str, meaning: &str, visit: impl FnOnce(&mut Self));
     /// An optional table: not visited where it is absent, not written where nothing stands in it.
-    fn maybe_table(&mut self, key: &str, visit: impl FnOnce(&mut Self));
+    fn maybe_table(&mut self, key: &str, meaning: &str, visit: impl FnOnce(&mut Self));
+    /// Tables, one at least, each written as `[[key]]`: each begins as what `blank` gives.
+    fn tables<T>(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        items: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    );
+    /// Keys that are needed beside an optional `key` and make no sense without it; `given` says whether it has a value.
+    fn along(&mut self, key: &str, given: bool, visit: impl FnOnce(&mut Self));
 }
 
 /// A TOML value with its line.
@@ -333,7 +384,8 @@ impl<'a, 'p> Reader<'a, 'p> {
     }
 }
 
-impl Visitor for Reader<'_, '_> {
+/// What a table may hold, key by key. `visit` functions reach them through [`Visitor`].
+impl Reader<'_, '_> {
     fn uncertain(&mut self, key: &str, range: Range, value: &mut Uncertain) {
         let expected = format!("{}, or {{ value = ..., sigma = ... }}", range.words());
         let Some(node) = self.require(key, &expected) else { return };
@@ -354,7 +406,8 @@ impl Visitor for Reader<'_, '_> {
         }
     }
 
-    fn number(&mut self, key: &str, range: Range, value: &mut f64) {
+    /// A number.
+    pub fn number(&mut self, key: &str, range: Range, value: &mut f64) {
         if let Some(node) = self.require(key, &range.words())
             && let Some(x) = self.number_in(key, node, range)
         {
@@ -362,7 +415,8 @@ impl Visitor for Reader<'_, '_> {
         }
     }
 
-    fn maybe(&mut self, key: &str, range: Range, value: &mut Option<f64>) {
+    /// An optional number; absent and `None` are the same.
+    pub fn maybe(&mut self, key: &str, range: Range, value: &mut Option<f64>) {
         *value = self.get(key).and_then(|node| self.number_in(key, node, range));
     }
 
@@ -376,7 +430,8 @@ impl Visitor for Reader<'_, '_> {
         }
     }
 
-    fn text(&mut self, key: &str, value: &mut String) {
+    /// A text that is not empty.
+    pub fn text(&mut self, key: &str, value: &mut String) {
         let Some(node) = self.require(key, "a text") else { return };
         match &node.value {
             Value::Text(text) if !text.is_empty() => value.clone_from(text),
@@ -384,7 +439,8 @@ impl Visitor for Reader<'_, '_> {
         }
     }
 
-    fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+    /// One of the named choices.
+    pub fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
         let names: Vec<_> = choices.iter().map(|(name, _)| format!("{name:?}")).collect();
         let expected = format!("one of {}", names.join(", "));
         let Some(node) = self.require(key, &expected) else { return };
@@ -402,10 +458,6 @@ impl Visitor for Reader<'_, '_> {
         if self.get(key).is_some() {
             self.choice(key, choices, value);
         }
-    }
-
-    fn choice_beside<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
-        self.choice_or(key, choices, value);
     }
 
     fn triple(&mut self, key: &str, range: Range, value: &mut [f64; 3]) {
@@ -444,7 +496,8 @@ impl Visitor for Reader<'_, '_> {
         }
     }
 
-    fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+    /// A table within the table.
+    pub fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
         if let Some(node) = self.require(key, "a table") {
             self.within(key, node, visit);
         }
@@ -453,6 +506,100 @@ impl Visitor for Reader<'_, '_> {
     fn maybe_table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
         if let Some(node) = self.get(key) {
             self.within(key, node, visit);
+        }
+    }
+
+    fn tables<T>(
+        &mut self,
+        key: &str,
+        items: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    ) {
+        let Some(node) = self.require(key, &format!("at least one [[{key}]]")) else { return };
+        match &node.value {
+            Value::List(list) if !list.is_empty() => {
+                for item in list {
+                    let mut made = blank();
+                    self.within(key, item, |reader| visit(&mut made, reader));
+                    items.push(made);
+                }
+            }
+            _ => self.wrong_type(key, node, &format!("tables, each written as [[{key}]]")),
+        }
+    }
+}
+
+impl Visitor for Reader<'_, '_> {
+    fn uncertain(&mut self, key: &str, _: &str, range: Range, value: &mut Uncertain) {
+        self.uncertain(key, range, value);
+    }
+
+    fn number(&mut self, key: &str, _: &str, range: Range, value: &mut f64) {
+        self.number(key, range, value);
+    }
+
+    fn maybe(&mut self, key: &str, _: &str, range: Range, value: &mut Option<f64>) {
+        self.maybe(key, range, value);
+    }
+
+    fn integer(&mut self, key: &str, _: &str, low: u32, high: u32, value: &mut u32) {
+        self.integer(key, low, high, value);
+    }
+
+    fn text(&mut self, key: &str, _: &str, value: &mut String) {
+        self.text(key, value);
+    }
+
+    fn choice<T: Copy + PartialEq>(&mut self, key: &str, _: &str, choices: &[(&str, T)], value: &mut T) {
+        self.choice(key, choices, value);
+    }
+
+    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, _: &str, choices: &[(&str, T)], value: &mut T) {
+        self.choice_or(key, choices, value);
+    }
+
+    fn choice_beside<T: Copy + PartialEq>(
+        &mut self,
+        key: &str,
+        _: &str,
+        choices: &[(&str, T)],
+        value: &mut T,
+    ) {
+        self.choice_or(key, choices, value);
+    }
+
+    fn triple(&mut self, key: &str, _: &str, range: Range, value: &mut [f64; 3]) {
+        self.triple(key, range, value);
+    }
+
+    fn points(&mut self, key: &str, _: &str, range: Range, value: &mut Vec<[f64; 2]>, default: Option<f64>) {
+        self.points(key, range, value, default);
+    }
+
+    fn table(&mut self, key: &str, _: &str, visit: impl FnOnce(&mut Self)) {
+        self.table(key, visit);
+    }
+
+    fn maybe_table(&mut self, key: &str, _: &str, visit: impl FnOnce(&mut Self)) {
+        self.maybe_table(key, visit);
+    }
+
+    fn tables<T>(
+        &mut self,
+        key: &str,
+        _: &str,
+        items: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    ) {
+        self.tables(key, items, blank, visit);
+    }
+
+    fn along(&mut self, key: &str, given: bool, visit: impl FnOnce(&mut Self)) {
+        // A value that was refused is no reason to call its companions unknown.
+        if given || self.has(key) {
+            visit(self);
         }
     }
 }
@@ -477,16 +624,16 @@ impl Writer {
 }
 
 /// A float that reads back to the same bits and is a TOML float.
-fn float(x: f64) -> String {
+pub(crate) fn float(x: f64) -> String {
     format!("{x:?}")
 }
 
-fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 
 impl Visitor for Writer {
-    fn uncertain(&mut self, key: &str, _: Range, value: &mut Uncertain) {
+    fn uncertain(&mut self, key: &str, _: &str, _: Range, value: &mut Uncertain) {
         if value.sigma == 0.0 {
             self.line(key, float(value.value));
         } else {
@@ -494,45 +641,51 @@ impl Visitor for Writer {
         }
     }
 
-    fn number(&mut self, key: &str, _: Range, value: &mut f64) {
+    fn number(&mut self, key: &str, _: &str, _: Range, value: &mut f64) {
         self.line(key, float(*value));
     }
 
-    fn maybe(&mut self, key: &str, _: Range, value: &mut Option<f64>) {
+    fn maybe(&mut self, key: &str, _: &str, _: Range, value: &mut Option<f64>) {
         if let Some(x) = value {
             self.line(key, float(*x));
         }
     }
 
-    fn integer(&mut self, key: &str, _: u32, _: u32, value: &mut u32) {
+    fn integer(&mut self, key: &str, _: &str, _: u32, _: u32, value: &mut u32) {
         self.line(key, value);
     }
 
-    fn text(&mut self, key: &str, value: &mut String) {
+    fn text(&mut self, key: &str, _: &str, value: &mut String) {
         self.line(key, quoted(value));
     }
 
-    fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+    fn choice<T: Copy + PartialEq>(&mut self, key: &str, _: &str, choices: &[(&str, T)], value: &mut T) {
         if let Some((name, _)) = choices.iter().find(|(_, choice)| choice == value) {
             self.line(key, quoted(name));
         }
     }
 
-    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
-        self.choice(key, choices, value);
+    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, _: &str, choices: &[(&str, T)], value: &mut T) {
+        self.choice(key, "", choices, value);
     }
 
-    fn choice_beside<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+    fn choice_beside<T: Copy + PartialEq>(
+        &mut self,
+        key: &str,
+        _: &str,
+        choices: &[(&str, T)],
+        value: &mut T,
+    ) {
         if choices.first().is_none_or(|(_, first)| first != value) {
-            self.choice(key, choices, value);
+            self.choice(key, "", choices, value);
         }
     }
 
-    fn triple(&mut self, key: &str, _: Range, value: &mut [f64; 3]) {
+    fn triple(&mut self, key: &str, _: &str, _: Range, value: &mut [f64; 3]) {
         self.line(key, format!("[{}, {}, {}]", float(value[0]), float(value[1]), float(value[2])));
     }
 
-    fn points(&mut self, key: &str, _: Range, value: &mut Vec<[f64; 2]>, _: Option<f64>) {
+    fn points(&mut self, key: &str, _: &str, _: Range, value: &mut Vec<[f64; 2]>, _: Option<f64>) {
         match value.as_slice() {
             [[_, x]] => self.line(key, float(*x)),
             points => {
@@ -543,7 +696,7 @@ impl Visitor for Writer {
         }
     }
 
-    fn table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+    fn table(&mut self, key: &str, _: &str, visit: impl FnOnce(&mut Self)) {
         let prefix = if self.prefix.is_empty() { key.to_owned() } else { format!("{}.{key}", self.prefix) };
         let _ = writeln!(self.out, "\n[{prefix}]");
         let outer = std::mem::replace(&mut self.prefix, prefix);
@@ -551,9 +704,9 @@ impl Visitor for Writer {
         self.prefix = outer;
     }
 
-    fn maybe_table(&mut self, key: &str, visit: impl FnOnce(&mut Self)) {
+    fn maybe_table(&mut self, key: &str, _: &str, visit: impl FnOnce(&mut Self)) {
         let before = self.out.len();
-        self.table(key, |_| ());
+        self.table(key, "", |_| ());
         let begun = self.out.len();
         let prefix = if self.prefix.is_empty() { key.to_owned() } else { format!("{}.{key}", self.prefix) };
         let outer = std::mem::replace(&mut self.prefix, prefix);
@@ -561,6 +714,26 @@ impl Visitor for Writer {
         self.prefix = outer;
         if self.out.len() == begun {
             self.out.truncate(before);
+        }
+    }
+
+    fn tables<T>(
+        &mut self,
+        key: &str,
+        _: &str,
+        items: &mut Vec<T>,
+        _: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    ) {
+        for item in items {
+            self.element(key);
+            visit(item, self);
+        }
+    }
+
+    fn along(&mut self, _: &str, given: bool, visit: impl FnOnce(&mut Self)) {
+        if given {
+            visit(self);
         }
     }
 }

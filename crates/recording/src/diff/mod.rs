@@ -15,6 +15,7 @@ mod clock;
 mod compare;
 mod error;
 mod html;
+mod keys;
 mod law;
 mod pair;
 mod report;
@@ -30,6 +31,7 @@ use std::path::{Path, PathBuf};
 pub use align::Align;
 pub use error::DiffError;
 pub use html::render_html;
+pub use keys::tolerance_keys;
 pub use law::Interpolation;
 pub use report::{
     Alignment, Coverage, DiffReport, Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason,

@@ -34,7 +34,7 @@ const DEFAULTS: [(&str, f64, f64); 14] = [
 ];
 
 /// The largest time tolerance, s: two recordings are held in memory for a few times as long.
-const TIME_MAX_S: f64 = 10.0;
+pub(super) const TIME_MAX_S: f64 = 10.0;
 /// Differences up to so many times the largest among repeats, in size and in RMS, are taken as repeats.
 const FLOOR_FACTOR: f64 = 1.5;
 

@@ -6,6 +6,7 @@
 
 mod convert;
 mod error;
+mod keys;
 mod log;
 mod map;
 mod number;
@@ -64,6 +65,14 @@ pub fn import(
         import.take(row)?;
     }
     import.finish()
+}
+
+/// Says whether the rig that a map names can be read and suits it. A map that names none suits any.
+pub fn check_rig(map: &ImportMap) -> Result<(), ImportError> {
+    let Some(rig) = map.load_rig()? else { return Ok(()) };
+    check_actuation(map, Some(&rig))?;
+    converter(map, Some(&rig))?;
+    Ok(())
 }
 
 fn check_actuation(map: &ImportMap, rig: Option<&Rig>) -> Result<(), ImportError> {

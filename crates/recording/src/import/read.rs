@@ -4,7 +4,7 @@ use std::path::Path;
 
 use bench_rig::{
     Actuation, GRAVITY_M_S2, Phase,
-    visit::{Node, Range, Reader, Value, Visitor},
+    visit::{Node, Range, Reader, Value},
 };
 
 use super::{
@@ -14,8 +14,16 @@ use super::{
 };
 use crate::Channel;
 
-const ANY: Range = Range::closed(f64::MIN, f64::MAX);
-const PERIOD: Range = Range::closed(1e-6, 3600.0);
+const ANY: Range = Range::ANY;
+pub(super) const PERIOD: Range = Range::closed(1e-6, 3600.0);
+pub(super) const LATENCY: Range = Range::closed(0.0, 10.0);
+pub(super) const DELIMITERS: [(&str, u8); 3] = [(",", b','), (";", b';'), ("\t", b'\t')];
+/// Whether only changes are kept.
+pub(super) const KEEP: [(&str, bool); 2] = [("all", false), ("changes", true)];
+/// Whether an empty cell only means that there is no message.
+pub(super) const EMPTY: [(&str, bool); 2] = [("bad", false), ("absent", true)];
+/// What is added to an acceleration, m/s^2.
+pub(super) const GRAVITY: [(&str, f64); 2] = [("included", -GRAVITY_M_S2), ("removed", 0.0)];
 
 impl ImportMap {
     /// Reads all keys of the file.
@@ -25,7 +33,6 @@ impl ImportMap {
             self.rig = Some(self.file.parent().unwrap_or(Path::new("")).join(rig));
         }
         if reader.get("delimiter").is_some() {
-            const DELIMITERS: [(&str, u8); 3] = [(",", b','), (";", b';'), ("\t", b'\t')];
             reader.choice("delimiter", &DELIMITERS, &mut self.delimiter);
         }
         if ["actuation", "command", "readback"].iter().any(|key| reader.has(key)) {
@@ -58,7 +65,7 @@ impl ImportMap {
     fn read_channel(&mut self, reader: &mut Reader<'_, '_>, table: &'static Table) {
         match table.channel {
             Channel::Position => {
-                if let Some(latency) = setting(reader, "latency_s", Range::closed(0.0, 10.0)) {
+                if let Some(latency) = setting(reader, "latency_s", LATENCY) {
                     self.latency = latency;
                 }
                 if reader.get("newest_of_frames_s").is_some() {
@@ -81,13 +88,13 @@ impl ImportMap {
         }
         let mut changes_only = false;
         if reader.get("keep").is_some() {
-            reader.choice("keep", &[("all", false), ("changes", true)], &mut changes_only);
+            reader.choice("keep", &KEEP, &mut changes_only);
         }
         let mut every_s = None;
         reader.maybe("every_s", PERIOD, &mut every_s);
         let mut may_be_absent = false;
         if reader.get("empty").is_some() {
-            reader.choice("empty", &[("bad", false), ("absent", true)], &mut may_be_absent);
+            reader.choice("empty", &EMPTY, &mut may_be_absent);
         }
         if quantities.is_empty() && table.channel != Channel::ControlState && reader.is_sound() {
             reader.contradiction(table.targets[0].key, "the table maps no quantity".to_owned());
@@ -129,7 +136,7 @@ impl ImportMap {
         reader.maybe("offset", ANY, &mut offset);
         let mut shift = 0.0;
         if target.dimension == Dimension::Acceleration {
-            reader.choice("gravity", &[("included", -GRAVITY_M_S2), ("removed", 0.0)], &mut shift);
+            reader.choice("gravity", &GRAVITY, &mut shift);
         }
         let valid = valid_range(reader);
         let unit = unit?;
