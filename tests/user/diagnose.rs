@@ -130,7 +130,11 @@ fn a_page_shows_the_verdict_and_needs_nothing_else() {
     assert!(words.starts_with("No gap beyond tolerance and noise: "), "{words}");
     assert!(html.contains("<h1>No gap beyond tolerance and noise: "));
 
-    let (words, html) = page_of(&scratch, &swung(&scratch), "rigs/foreign.toml");
+    let swung = swung(&scratch);
+    let report =
+        json(&bench(["diagnose", "--rig", "rigs/foreign.toml", "--json"]).args(&swung).assert().success());
+    assert_eq!(report["verdict"], "unknown");
+    let (words, html) = page_of(&scratch, &swung, "rigs/foreign.toml");
     assert!(words.starts_with("There is a gap that no known effect explains: "), "{words}");
     assert!(html.contains("<h1>There is a gap that no known effect explains: "));
     let (_, told) = html.split_once("Something swings at ").expect("a frequency is told");

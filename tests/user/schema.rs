@@ -62,7 +62,7 @@ fn described(schema: &Value, place: &str) {
     }
     match schema {
         Value::Object(entries) => {
-            entries.iter().for_each(|(key, inner)| described(inner, &format!("{place}/{key}")))
+            entries.iter().for_each(|(key, inner)| described(inner, &format!("{place}/{key}")));
         }
         Value::Array(items) => items.iter().for_each(|inner| described(inner, place)),
         _ => {}
@@ -193,7 +193,7 @@ fn samples() -> Vec<(&'static str, toml::Table)> {
 }
 
 /// Where a value stands: keys and places in lists.
-type Path_ = Vec<Step>;
+type Steps = Vec<Step>;
 
 #[derive(Clone, Debug, PartialEq)]
 enum Step {
@@ -201,7 +201,7 @@ enum Step {
     Place(usize),
 }
 
-fn places(value: &toml::Value, at: &Path_, into: &mut Vec<Path_>) {
+fn places(value: &toml::Value, at: &Steps, into: &mut Vec<Steps>) {
     let inner: Vec<(Step, &toml::Value)> = match value {
         toml::Value::Table(table) => {
             table.iter().map(|(key, value)| (Step::Key(key.clone()), value)).collect()

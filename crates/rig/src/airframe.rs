@@ -186,102 +186,23 @@ impl Airframe {
         );
         v.table(
             "thrust",
-            "Throttle to thrust out of the ground effect: thrust = gain (throttle - offset), not below zero.",
-            |v| {
-                let range = Range::above(0.0, 1e6);
-                v.uncertain(
-                    &format!("gain_n_per_{unit}"),
-                    "Thrust per unit of throttle.",
-                    range,
-                    &mut self.thrust.gain_n_per_unit,
-                );
-                v.uncertain(
-                    &format!("offset_{unit}"),
-                    "Throttle at which thrust begins.",
-                    Range::closed(-1e6, 1e6),
-                    &mut self.thrust.offset,
-                );
-                let hover_sigma = &mut self.thrust.hover_sigma;
-                v.maybe(
-                    &format!("hover_sigma_{unit}"),
-                    "One sigma of the throttle that hovers, where flights have told it.",
-                    Range::above(0.0, 1e6),
-                    hover_sigma,
-                );
-            },
+            "Throttle to thrust out of the ground effect: thrust = gain (throttle - offset), \
+             not below zero.",
+            |v| self.thrust.visit(v, unit),
         );
         v.table(
             "ground_effect",
             "Thrust near the ground: times 1 + (multiplier - 1) max(0, 1 - z/height).",
-            |v| {
-                v.uncertain(
-                    "multiplier",
-                    "Thrust at the ground over thrust far from it.",
-                    Range::closed(1.0, 3.0),
-                    &mut self.ground_effect.multiplier,
-                );
-                v.uncertain(
-                    "height_m",
-                    "Altitude at which the ground effect ends.",
-                    Range::above(0.0, 10.0),
-                    &mut self.ground_effect.height_m,
-                );
-            },
+            |v| self.ground_effect.visit(v),
         );
         v.table("sticks", "What the hand controller's stick inputs take and what they ask for.", |v| {
-            let any = Range::closed(-1e6, 1e6);
-            v.number(&format!("min_{unit}"), "Lowest input; throttle at rest.", any, &mut self.sticks.min);
-            v.number(&format!("max_{unit}"), "Highest input.", any, &mut self.sticks.max);
-            v.number(&format!("centre_{unit}"), "Pitch, roll and yaw at rest.", any, &mut self.sticks.centre);
-            v.number(
-                &format!("tilt_rad_per_{unit}"),
-                "Tilt asked for by a unit of pitch or roll away from the centre.",
-                any,
-                &mut self.sticks.tilt_rad_per_unit,
-            );
-            v.number(
-                &format!("yaw_rate_rad_s_per_{unit}"),
-                "Yaw rate asked for by a unit of yaw away from the centre.",
-                any,
-                &mut self.sticks.yaw_rate_rad_s_per_unit,
-            );
+            self.sticks.visit(v, unit);
         });
         v.table(
             "stabiliser",
-            "Rotation under the on-board stabiliser: tilt of second order, yaw rate of first order.",
-            |v| {
-                let s = &mut self.stabiliser;
-                v.triple(
-                    "inertia_kg_m2",
-                    "Principal moments of inertia about body x, y, z.",
-                    Range::above(0.0, 100.0),
-                    &mut s.inertia_kg_m2,
-                );
-                v.number(
-                    "natural_frequency_rad_s",
-                    "Undamped natural frequency of the tilt response.",
-                    Range::above(0.0, 200.0),
-                    &mut s.natural_frequency_rad_s,
-                );
-                v.number(
-                    "damping_ratio",
-                    "Damping ratio of the tilt response.",
-                    Range::above(0.0, 5.0),
-                    &mut s.damping_ratio,
-                );
-                v.number(
-                    "yaw_time_constant_s",
-                    "Time constant of the yaw rate.",
-                    Range::above(0.0, 10.0),
-                    &mut s.yaw_time_constant_s,
-                );
-                v.number(
-                    "arm_m",
-                    "Rotor axis to centre of gravity; with the thrust at hand it limits the torque.",
-                    Range::above(0.0, 10.0),
-                    &mut s.arm_m,
-                );
-            },
+            "Rotation under the on-board stabiliser: tilt of second order, yaw rate of first \
+             order.",
+            |v| self.stabiliser.visit(v),
         );
     }
 
@@ -309,5 +230,103 @@ impl Airframe {
             }
         }
         found
+    }
+}
+
+impl Thrust {
+    fn visit(&mut self, v: &mut impl Visitor, unit: &str) {
+        let range = Range::above(0.0, 1e6);
+        v.uncertain(
+            &format!("gain_n_per_{unit}"),
+            "Thrust per unit of throttle.",
+            range,
+            &mut self.gain_n_per_unit,
+        );
+        v.uncertain(
+            &format!("offset_{unit}"),
+            "Throttle at which thrust begins.",
+            Range::closed(-1e6, 1e6),
+            &mut self.offset,
+        );
+        let hover_sigma = &mut self.hover_sigma;
+        v.maybe(
+            &format!("hover_sigma_{unit}"),
+            "One sigma of the throttle that hovers, where flights have told it.",
+            Range::above(0.0, 1e6),
+            hover_sigma,
+        );
+    }
+}
+
+impl GroundEffect {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        v.uncertain(
+            "multiplier",
+            "Thrust at the ground over thrust far from it.",
+            Range::closed(1.0, 3.0),
+            &mut self.multiplier,
+        );
+        v.uncertain(
+            "height_m",
+            "Altitude at which the ground effect ends.",
+            Range::above(0.0, 10.0),
+            &mut self.height_m,
+        );
+    }
+}
+
+impl StickRange {
+    fn visit(&mut self, v: &mut impl Visitor, unit: &str) {
+        let any = Range::closed(-1e6, 1e6);
+        v.number(&format!("min_{unit}"), "Lowest input; throttle at rest.", any, &mut self.min);
+        v.number(&format!("max_{unit}"), "Highest input.", any, &mut self.max);
+        v.number(&format!("centre_{unit}"), "Pitch, roll and yaw at rest.", any, &mut self.centre);
+        v.number(
+            &format!("tilt_rad_per_{unit}"),
+            "Tilt asked for by a unit of pitch or roll away from the centre.",
+            any,
+            &mut self.tilt_rad_per_unit,
+        );
+        v.number(
+            &format!("yaw_rate_rad_s_per_{unit}"),
+            "Yaw rate asked for by a unit of yaw away from the centre.",
+            any,
+            &mut self.yaw_rate_rad_s_per_unit,
+        );
+    }
+}
+
+impl Stabiliser {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        v.triple(
+            "inertia_kg_m2",
+            "Principal moments of inertia about body x, y, z.",
+            Range::above(0.0, 100.0),
+            &mut self.inertia_kg_m2,
+        );
+        v.number(
+            "natural_frequency_rad_s",
+            "Undamped natural frequency of the tilt response.",
+            Range::above(0.0, 200.0),
+            &mut self.natural_frequency_rad_s,
+        );
+        v.number(
+            "damping_ratio",
+            "Damping ratio of the tilt response.",
+            Range::above(0.0, 5.0),
+            &mut self.damping_ratio,
+        );
+        v.number(
+            "yaw_time_constant_s",
+            "Time constant of the yaw rate.",
+            Range::above(0.0, 10.0),
+            &mut self.yaw_time_constant_s,
+        );
+        v.number(
+            "arm_m",
+            "Rotor axis to centre of gravity; with the thrust at hand it limits the torque.",
+            Range::above(0.0, 10.0),
+            &mut self.arm_m,
+        );
     }
 }

@@ -137,11 +137,24 @@ impl Calibration {
             anywhere,
             &mut self.camera_position_m,
         );
-        v.triple("camera_attitude_rad", "Heading (counter-clockwise from above), elevation (up is positive), roll (clockwise as the camera sees).", angle, &mut self.camera_attitude_rad);
-        v.maybe("latency_s", "Exposure to arrival, where the calibration measured it; must agree with the rig's tracker.latency_s.", Range::closed(0.0, 1.0), &mut self.latency_s);
+        v.triple(
+            "camera_attitude_rad",
+            "Heading (counter-clockwise from above), elevation (up is positive), roll \
+             (clockwise as the camera sees).",
+            angle,
+            &mut self.camera_attitude_rad,
+        );
+        v.maybe(
+            "latency_s",
+            "Exposure to arrival, where the calibration measured it; must agree with the \
+             rig's tracker.latency_s.",
+            Range::closed(0.0, 1.0),
+            &mut self.latency_s,
+        );
         v.uncertain(
             "depth_scale",
-            "True depth over the depth that the device's constants give, once the bias is taken off.",
+            "True depth over the depth that the device's constants give, once the bias is \
+             taken off.",
             Range::closed(0.5, 2.0),
             &mut self.depth_scale,
         );

@@ -260,10 +260,24 @@ impl PhaseAction {
         match self {
             Self::Idle => {}
             Self::Launch { thrust_to_weight } => {
-                v.points("thrust_to_weight", "Nominal thrust out of the ground effect over nominal weight, over time since the phase began.", THRUST_TO_WEIGHT, &mut thrust_to_weight.points, None);
+                v.points(
+                    "thrust_to_weight",
+                    "Nominal thrust out of the ground effect over nominal weight, over time since \
+                     the phase began.",
+                    THRUST_TO_WEIGHT,
+                    &mut thrust_to_weight.points,
+                    None,
+                );
             }
             Self::Open { thrust_to_weight, chirp } => {
-                v.points("thrust_to_weight", "Nominal thrust out of the ground effect over nominal weight, over time since the phase began.", THRUST_TO_WEIGHT, &mut thrust_to_weight.points, None);
+                v.points(
+                    "thrust_to_weight",
+                    "Nominal thrust out of the ground effect over nominal weight, over time since \
+                     the phase began.",
+                    THRUST_TO_WEIGHT,
+                    &mut thrust_to_weight.points,
+                    None,
+                );
                 visit_chirp(v, "chirp_amplitude", "the thrust-to-weight ratio", chirp);
             }
             Self::Hold { altitude_m, x_m, y_m, heading_rad, chirp } => {
@@ -371,7 +385,8 @@ impl Criteria {
         );
         v.maybe(
             "rebound_min_m",
-            "Lowest altitude between the first two peaks at least: a rebound that does not touch the ground.",
+            "Lowest altitude between the first two peaks at least: a rebound that does not \
+             touch the ground.",
             metres,
             &mut self.rebound_min_m,
         );

@@ -367,18 +367,34 @@ impl Rig {
         const MODELS: [(&str, Model); 2] = [("vertical", Model::Vertical), ("six-degree", Model::SixDegree)];
         const BENCHES: [(&str, Bench); 3] =
             [("virtual", Bench::Virtual), ("loopback", Bench::Loopback), ("transmitter", Bench::Transmitter)];
-        const PREDICTORS: [(&str, Predictor); 2] =
-            [("linear", Predictor::Linear), ("model", Predictor::Model)];
-        const FEED_FORWARDS: [(&str, FeedForward); 2] =
-            [("weight", FeedForward::Weight), ("ground-effect", FeedForward::GroundEffect)];
-        let probability = Range::closed(0.0, 1.0);
-        let gain = Range::closed(0.0, 1000.0);
         v.text("name", "Name of the rig, as recordings and pages give it.", &mut self.name);
-        v.choice_or("bench", "Which of the loop's ends are real: none; the output, wired to its own input; output, airframe and tracker.", &BENCHES, &mut self.bench);
+        v.choice_or(
+            "bench",
+            "Which of the loop's ends are real: none; the output, wired to its own input; \
+             output, airframe and tracker.",
+            &BENCHES,
+            &mut self.bench,
+        );
         v.table("plant", "How the airframe is simulated.", |v| {
-            v.choice("model", "Equations of the airframe: the paper's vertical model alone, or a rigid body under its stabiliser.", &MODELS, &mut self.plant.model);
-            v.number("step_s", "Integration step, not longer than loop.period_s.", Range::closed(1e-5, 0.02), &mut self.plant.step_s);
-            v.number("truth_period_s", "Time between two records of the true state, not shorter than step_s.", Range::closed(1e-4, 10.0), &mut self.plant.truth_period_s);
+            v.choice(
+                "model",
+                "Equations of the airframe: the paper's vertical model alone, or a rigid body \
+                 under its stabiliser.",
+                &MODELS,
+                &mut self.plant.model,
+            );
+            v.number(
+                "step_s",
+                "Integration step, not longer than loop.period_s.",
+                Range::closed(1e-5, 0.02),
+                &mut self.plant.step_s,
+            );
+            v.number(
+                "truth_period_s",
+                "Time between two records of the true state, not shorter than step_s.",
+                Range::closed(1e-4, 10.0),
+                &mut self.plant.truth_period_s,
+            );
         });
         v.table("loop", "The control loop's timing.", |v| {
             v.number(
@@ -389,109 +405,41 @@ impl Rig {
             );
         });
         v.table("output", "The voltage output and its readback.", |v| {
-            v.integer("bits", "Resolution over the airframe's stick range; 0: continuous, or in steps of its own.", 0, 24, &mut self.output.bits);
-            v.maybe("own_step", "Steps of its own, in units of the actuation, whose places only the readback tells; bits is 0 then.", Range::closed(1e-6, 1e3), &mut self.output.own_step);
+            v.integer(
+                "bits",
+                "Resolution over the airframe's stick range; 0: continuous, or in steps of its own.",
+                0,
+                24,
+                &mut self.output.bits,
+            );
+            v.maybe(
+                "own_step",
+                "Steps of its own, in units of the actuation, whose places only the readback \
+                 tells; bits is 0 then.",
+                Range::closed(1e-6, 1e3),
+                &mut self.output.own_step,
+            );
             v.number(
-                "readback_noise_fraction", "One sigma of the readback, as a fraction of the stick range.",
+                "readback_noise_fraction",
+                "One sigma of the readback, as a fraction of the stick range.",
                 Range::closed(0.0, 0.1),
                 &mut self.output.readback_noise_fraction,
             );
         });
-        v.table("tracker", "The position source.", |v| {
-            let tracker = &mut self.tracker;
-            v.uncertain("latency_s", "Exposure to arrival.", Range::closed(0.0, 1.0), &mut tracker.latency_s);
-            v.number(
-                "frame_period_s",
-                "Time between two frames.",
-                Range::closed(0.001, 1.0),
-                &mut tracker.frame_period_s,
-            );
-            v.number(
-                "resolution_m",
-                "Positions come in steps of this; 0: continuous.",
-                Range::closed(0.0, 0.1),
-                &mut tracker.resolution_m,
-            );
-            v.number(
-                "noise_m",
-                "White noise before rounding, one sigma.",
-                Range::closed(0.0, 0.1),
-                &mut tracker.noise_m,
-            );
-            v.maybe(
-                "heading_noise_rad",
-                "White noise of the heading, one sigma; absent: the tracker gives no heading.",
-                Range::closed(0.0, 1.0),
-                &mut tracker.heading_noise_rad,
-            );
-            v.number(
-                "dropout_probability",
-                "Probability that a frame is lost.",
-                probability,
-                &mut tracker.dropout_probability,
-            );
-        });
-        v.table("control", "Laws and gains of the controller; those of the altitude law are per unit of nominal mass.", |v| {
-            let control = &mut self.control;
-            v.choice_beside("predictor", "How position and velocity are predicted over the delay: straight on, or by the airframe's model.", &PREDICTORS, &mut control.predictor);
-            v.choice_beside("feed_forward", "What the altitude law takes for granted of thrust: the weight, or the weight less the ground effect.", &FEED_FORWARDS, &mut control.feed_forward);
-            control.observer.visit(v, control.predictor);
-            v.number("position_gain_per_s", "Wanted vertical speed per metre of altitude error.", gain, &mut control.position_gain_per_s);
-            v.number("speed_gain_per_s", "Proportional thrust per mass and speed error.", gain, &mut control.speed_gain_per_s);
-            v.number("integral_gain_per_s2", "Integral thrust per mass, speed error and time; the model predictor's disturbance takes its place.", gain, &mut control.integral_gain_per_s2);
-            v.number("extrapolation_s", "How far position and velocity are extrapolated: latency, hold and half of the velocity window; linear predictor only.", Range::closed(0.0, 2.0), &mut control.extrapolation_s);
-            v.number("velocity_window_s", "Time over which velocity is taken as the slope of the positions; linear predictor only.", Range::above(0.0, 1.0), &mut control.velocity_window_s);
-            v.number("lateral_position_gain_per_s", "Wanted horizontal speed per metre of error.", gain, &mut control.lateral_position_gain_per_s);
-            v.number("lateral_speed_gain_per_s", "Horizontal acceleration per horizontal speed error.", gain, &mut control.lateral_speed_gain_per_s);
-            v.number("lateral_integral_gain_per_s2", "Horizontal acceleration per horizontal speed error and time: trims the sticks' centre.", gain, &mut control.lateral_integral_gain_per_s2);
-            v.number("tilt_max_rad", "Largest tilt asked for.", Range::closed(0.0, 1.0), &mut control.tilt_max_rad);
-            v.number("heading_gain_per_s", "Yaw rate per radian of heading error.", gain, &mut control.heading_gain_per_s);
-        });
-        v.table("safety", "When to stop a flight.", |v| {
-            let safety = &mut self.safety;
-            v.number("ceiling_m", "Highest altitude.", Range::above(0.0, 1000.0), &mut safety.ceiling_m);
-            v.number(
-                "radius_m",
-                "Largest horizontal distance from the origin.",
-                Range::above(0.0, 1000.0),
-                &mut safety.radius_m,
-            );
-            v.number(
-                "tracker_timeout_s",
-                "Longest time without a position.",
-                Range::above(0.0, 60.0),
-                &mut safety.tracker_timeout_s,
-            );
-            v.number(
-                "flight_time_max_s",
-                "Longest flight.",
-                Range::above(0.0, 3600.0),
-                &mut safety.flight_time_max_s,
-            );
-            v.integer(
-                "overrun_streak",
-                "Overruns in a row that stop the flight.",
-                1,
-                10_000,
-                &mut safety.overrun_streak,
-            );
-        });
-        v.maybe_table("disturbance", "What disturbs a nominal flight, as far as it was measured (`bench identify flight`).", |v| {
-            let d = &mut self.disturbance;
-            let acceleration = Range::above(0.0, 100.0);
-            v.maybe("turbulence_m_s2", "One sigma of the turbulence's vertical acceleration.", acceleration, &mut d.turbulence_m_s2);
-            v.maybe("turbulence_time_s", "For how long the turbulence remembers.", Range::closed(0.01, 100.0), &mut d.turbulence_time_s);
-            v.maybe("trim_m_s2", "One sigma of the acceleration that a flight keeps and the next has not.", acceleration, &mut d.trim_m_s2);
-            let walk = &mut d.trim_walk_m_s2_per_root_s;
-            v.maybe("trim_walk_m_s2_per_root_s", "Random walk of that acceleration within a flight.", acceleration, walk);
-            v.maybe("white_m_s2_per_root_hz", "White acceleration: what is faster than turbulence.", acceleration, &mut d.white_m_s2_per_root_hz);
-            v.maybe("timing_s", "One sigma of the exposures' times.", Range::closed(0.0, 1.0), &mut d.timing_s);
-            v.maybe("outlier_probability", "Share of sightings that show a wrong place.", Range::closed(0.0, 0.5), &mut d.outlier_probability);
-            v.maybe("outlier_m", "One sigma of wrong places about the right one; needed with outlier_probability.", Range::above(0.0, 10.0), &mut d.outlier_m);
-            v.maybe("noise_spread_ln", "One sigma of the natural logarithm by which noise of tracker and air differs from flight to flight.", Range::above(0.0, 3.0), &mut d.noise_spread_ln);
-            v.maybe("velocity_noise_m_s", "One sigma of the vertical speed that a recording's motion channel holds; absent: it is not used.", Range::above(0.0, 100.0), &mut d.velocity_noise_m_s);
-            v.maybe("acceleration_noise_m_s2", "One sigma of the vertical acceleration that a recording's motion channel holds; absent: it is not used.", acceleration, &mut d.acceleration_noise_m_s2);
-        });
+        v.table("tracker", "The position source.", |v| self.tracker.visit(v));
+        v.table(
+            "control",
+            "Laws and gains of the controller; those of the altitude law are per unit of \
+             nominal mass.",
+            |v| self.control.visit(v),
+        );
+        v.table("safety", "When to stop a flight.", |v| self.safety.visit(v));
+        v.maybe_table(
+            "disturbance",
+            "What disturbs a nominal flight, as far as it was measured (`bench identify \
+             flight`).",
+            |v| self.disturbance.visit(v),
+        );
     }
 
     fn latency_contradiction(&self) -> Option<String> {
@@ -513,6 +461,233 @@ impl Rig {
             found.push(("plant", "truth_period_s is shorter than step_s".to_owned()));
         }
         found
+    }
+}
+
+impl Tracker {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        v.uncertain("latency_s", "Exposure to arrival.", Range::closed(0.0, 1.0), &mut self.latency_s);
+        v.number(
+            "frame_period_s",
+            "Time between two frames.",
+            Range::closed(0.001, 1.0),
+            &mut self.frame_period_s,
+        );
+        v.number(
+            "resolution_m",
+            "Positions come in steps of this; 0: continuous.",
+            Range::closed(0.0, 0.1),
+            &mut self.resolution_m,
+        );
+        v.number(
+            "noise_m",
+            "White noise before rounding, one sigma.",
+            Range::closed(0.0, 0.1),
+            &mut self.noise_m,
+        );
+        v.maybe(
+            "heading_noise_rad",
+            "White noise of the heading, one sigma; absent: the tracker gives no heading.",
+            Range::closed(0.0, 1.0),
+            &mut self.heading_noise_rad,
+        );
+        v.number(
+            "dropout_probability",
+            "Probability that a frame is lost.",
+            Range::closed(0.0, 1.0),
+            &mut self.dropout_probability,
+        );
+    }
+}
+
+impl Control {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        const PREDICTORS: [(&str, Predictor); 2] =
+            [("linear", Predictor::Linear), ("model", Predictor::Model)];
+        const FEED_FORWARDS: [(&str, FeedForward); 2] =
+            [("weight", FeedForward::Weight), ("ground-effect", FeedForward::GroundEffect)];
+        let gain = Range::closed(0.0, 1000.0);
+        v.choice_beside(
+            "predictor",
+            "How position and velocity are predicted over the delay: straight on, or by the \
+             airframe's model.",
+            &PREDICTORS,
+            &mut self.predictor,
+        );
+        v.choice_beside(
+            "feed_forward",
+            "What the altitude law takes for granted of thrust: the weight, or the weight \
+             less the ground effect.",
+            &FEED_FORWARDS,
+            &mut self.feed_forward,
+        );
+        self.observer.visit(v, self.predictor);
+        v.number(
+            "position_gain_per_s",
+            "Wanted vertical speed per metre of altitude error.",
+            gain,
+            &mut self.position_gain_per_s,
+        );
+        v.number(
+            "speed_gain_per_s",
+            "Proportional thrust per mass and speed error.",
+            gain,
+            &mut self.speed_gain_per_s,
+        );
+        v.number(
+            "integral_gain_per_s2",
+            "Integral thrust per mass, speed error and time; the model predictor's \
+             disturbance takes its place.",
+            gain,
+            &mut self.integral_gain_per_s2,
+        );
+        v.number(
+            "extrapolation_s",
+            "How far position and velocity are extrapolated: latency, hold and half of the \
+             velocity window; linear predictor only.",
+            Range::closed(0.0, 2.0),
+            &mut self.extrapolation_s,
+        );
+        v.number(
+            "velocity_window_s",
+            "Time over which velocity is taken as the slope of the positions; linear \
+             predictor only.",
+            Range::above(0.0, 1.0),
+            &mut self.velocity_window_s,
+        );
+        v.number(
+            "lateral_position_gain_per_s",
+            "Wanted horizontal speed per metre of error.",
+            gain,
+            &mut self.lateral_position_gain_per_s,
+        );
+        v.number(
+            "lateral_speed_gain_per_s",
+            "Horizontal acceleration per horizontal speed error.",
+            gain,
+            &mut self.lateral_speed_gain_per_s,
+        );
+        v.number(
+            "lateral_integral_gain_per_s2",
+            "Horizontal acceleration per horizontal speed error and time: trims the sticks' \
+             centre.",
+            gain,
+            &mut self.lateral_integral_gain_per_s2,
+        );
+        v.number("tilt_max_rad", "Largest tilt asked for.", Range::closed(0.0, 1.0), &mut self.tilt_max_rad);
+        v.number(
+            "heading_gain_per_s",
+            "Yaw rate per radian of heading error.",
+            gain,
+            &mut self.heading_gain_per_s,
+        );
+    }
+}
+
+impl Safety {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        v.number("ceiling_m", "Highest altitude.", Range::above(0.0, 1000.0), &mut self.ceiling_m);
+        v.number(
+            "radius_m",
+            "Largest horizontal distance from the origin.",
+            Range::above(0.0, 1000.0),
+            &mut self.radius_m,
+        );
+        v.number(
+            "tracker_timeout_s",
+            "Longest time without a position.",
+            Range::above(0.0, 60.0),
+            &mut self.tracker_timeout_s,
+        );
+        v.number(
+            "flight_time_max_s",
+            "Longest flight.",
+            Range::above(0.0, 3600.0),
+            &mut self.flight_time_max_s,
+        );
+        v.integer(
+            "overrun_streak",
+            "Overruns in a row that stop the flight.",
+            1,
+            10_000,
+            &mut self.overrun_streak,
+        );
+    }
+}
+
+impl Disturbance {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        let acceleration = Range::above(0.0, 100.0);
+        v.maybe(
+            "turbulence_m_s2",
+            "One sigma of the turbulence's vertical acceleration.",
+            acceleration,
+            &mut self.turbulence_m_s2,
+        );
+        v.maybe(
+            "turbulence_time_s",
+            "For how long the turbulence remembers.",
+            Range::closed(0.01, 100.0),
+            &mut self.turbulence_time_s,
+        );
+        v.maybe(
+            "trim_m_s2",
+            "One sigma of the acceleration that a flight keeps and the next has not.",
+            acceleration,
+            &mut self.trim_m_s2,
+        );
+        let walk = &mut self.trim_walk_m_s2_per_root_s;
+        v.maybe(
+            "trim_walk_m_s2_per_root_s",
+            "Random walk of that acceleration within a flight.",
+            acceleration,
+            walk,
+        );
+        v.maybe(
+            "white_m_s2_per_root_hz",
+            "White acceleration: what is faster than turbulence.",
+            acceleration,
+            &mut self.white_m_s2_per_root_hz,
+        );
+        v.maybe(
+            "timing_s",
+            "One sigma of the exposures' times.",
+            Range::closed(0.0, 1.0),
+            &mut self.timing_s,
+        );
+        v.maybe(
+            "outlier_probability",
+            "Share of sightings that show a wrong place.",
+            Range::closed(0.0, 0.5),
+            &mut self.outlier_probability,
+        );
+        v.maybe(
+            "outlier_m",
+            "One sigma of wrong places about the right one; needed with outlier_probability.",
+            Range::above(0.0, 10.0),
+            &mut self.outlier_m,
+        );
+        v.maybe(
+            "noise_spread_ln",
+            "One sigma of the natural logarithm by which noise of tracker and air differs \
+             from flight to flight.",
+            Range::above(0.0, 3.0),
+            &mut self.noise_spread_ln,
+        );
+        v.maybe(
+            "velocity_noise_m_s",
+            "One sigma of the vertical speed that a recording's motion channel holds; \
+             absent: it is not used.",
+            Range::above(0.0, 100.0),
+            &mut self.velocity_noise_m_s,
+        );
+        v.maybe(
+            "acceleration_noise_m_s2",
+            "One sigma of the vertical acceleration that a recording's motion channel holds; \
+             absent: it is not used.",
+            acceleration,
+            &mut self.acceleration_noise_m_s2,
+        );
     }
 }
 

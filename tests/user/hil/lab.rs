@@ -5,7 +5,7 @@ use std::{fs, time::Duration};
 
 use bench_usb_lab::host::{Lab, Outcome};
 
-use crate::support::{Scratch, bench, json, root};
+use crate::support::{Scratch, bench, conforms, json, root};
 
 /// What the lab has: rotors that follow slowly.
 const PLANTED_S: f64 = 0.12;
@@ -38,7 +38,9 @@ fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
 }
 
 fn report(scratch: &Scratch, name: &str) -> serde_json::Value {
-    serde_json::from_str(&fs::read_to_string(scratch.path(name)).unwrap()).unwrap()
+    let told = serde_json::from_str(&fs::read_to_string(scratch.path(name)).unwrap()).unwrap();
+    conforms(&told);
+    told
 }
 
 /// Altitude and throttle of the airframe, as it really was.

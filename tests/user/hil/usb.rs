@@ -42,7 +42,9 @@ fn usb_flight_through_a_cdc_acm_port() {
         $bench hil --port /dev/ttyACM0 --mission $work/short.toml -o $work/flown.mcap --json > $work/report.json",
     );
     let read = |name: &str| -> serde_json::Value {
-        serde_json::from_str(&fs::read_to_string(scratch.path(name)).unwrap()).unwrap()
+        let told = serde_json::from_str(&fs::read_to_string(scratch.path(name)).unwrap()).unwrap();
+        crate::support::conforms(&told);
+        told
     };
     let devices = read("devices.json");
     let port = &devices["ports"][0];

@@ -211,7 +211,7 @@ fn below(folder: &Path, files: &mut Vec<PathBuf>) -> anyhow::Result<()> {
 fn check(file: &Path, wanted: Option<Wanted>) -> Checked {
     let mut checked = match look(file) {
         Err(error) => Checked { problems: vec![error], ..Checked::default() },
-        Ok(Content::Recording) if !wanted.is_some_and(|wanted| wanted.kind().is_some()) => {
+        Ok(Content::Recording) if wanted.is_none_or(|wanted| wanted.kind().is_none()) => {
             recording::check(file)
         }
         Ok(Content::Text(text)) if wanted != Some(Wanted::Recording) => {
@@ -229,7 +229,7 @@ fn check(file: &Path, wanted: Option<Wanted>) -> Checked {
             Checked { problems: vec![problem], ..Checked::default() }
         }
     };
-    checked.file = file.to_owned();
+    file.clone_into(&mut checked.file);
     checked.sound = checked.problems.is_empty();
     // In the order of the file, then those of the files that it names.
     checked.problems.sort_by(|a, b| {

@@ -1,3 +1,5 @@
+use std::fmt::Write as _;
+
 use anyhow::bail;
 use clap::Args;
 
@@ -54,12 +56,13 @@ fn overview() -> String {
     let files = Kind::ALL.map(|kind| (kind.name(), kind.title().to_owned()));
     let outputs = OUTPUTS.iter().map(|output| (output.name, output.title()));
     let mut out = "files\n".to_owned();
+    // Writing to a String cannot fail.
     for (name, title) in files {
-        out += &format!("  {name:<30} {title}\n");
+        let _ = writeln!(out, "  {name:<30} {title}");
     }
     out += "outputs of --json\n";
     for (name, title) in outputs {
-        out += &format!("  {name:<30} {title}\n");
+        let _ = writeln!(out, "  {name:<30} {title}");
     }
     out
 }

@@ -109,9 +109,9 @@ fn kind(kind: &Kind) -> Value {
             }
             list
         }
-        Kind::Pair(first, second) => pair(self::kind(first), self::kind(second)),
+        Kind::Pair(first, second) => pair(&self::kind(first), &self::kind(second)),
         Kind::Points(range) => {
-            let point = pair(number(Range::closed(0.0, POINT_TIME_MAX_S)), number(*range));
+            let point = pair(&number(Range::closed(0.0, POINT_TIME_MAX_S)), &number(*range));
             json!({ "oneOf": [number(*range), { "type": "array", "minItems": 1, "items": point }] })
         }
         Kind::Table(forms) => table(forms),
@@ -142,8 +142,9 @@ fn number(range: Range) -> Value {
     schema
 }
 
-fn pair(first: Value, second: Value) -> Value {
-    json!({ "type": "array", "prefixItems": [first, second], "items": false, "minItems": 2 })
+/// `items: false` would say the same as `maxItems`, but to taplo, which reads schemas as an older draft, it refuses all.
+fn pair(first: &Value, second: &Value) -> Value {
+    json!({ "type": "array", "prefixItems": [first, second], "minItems": 2, "maxItems": 2 })
 }
 
 /// One effect of the library: its name and its parameters.

@@ -45,7 +45,8 @@ fn without_units(forms: &[Form]) -> Vec<Form> {
     let mut forms = forms.to_vec();
     for key in forms.iter_mut().flat_map(|form| &mut form.keys).filter(|key| key.name == "unit") {
         key.kind = Kind::Text;
-        key.meaning = "The unit that the columns are in; the tables above say which there are.".to_owned();
+        "The unit that the columns are in; the tables above say which there are."
+            .clone_into(&mut key.meaning);
     }
     forms
 }
@@ -83,21 +84,17 @@ fn gather(
 ) {
     for form in forms {
         let when = form.when.clone().or_else(|| outer.and_then(|(when, _)| when.clone()));
-        let index = match sections.iter().position(|section| section.path == path) {
-            Some(index) => index,
-            None => {
-                let is_optional = outer.is_some_and(|(_, presence)| *presence != Presence::Required);
-                sections.push(Section {
-                    heading: heading.to_owned(),
-                    path: path.to_owned(),
-                    meaning: meaning.to_owned(),
-                    is_optional,
-                    forms: Vec::new(),
-                    rows: Vec::new(),
-                });
-                sections.len() - 1
-            }
-        };
+        let index = sections.iter().position(|section| section.path == path).unwrap_or(sections.len());
+        if index == sections.len() {
+            sections.push(Section {
+                heading: heading.to_owned(),
+                path: path.to_owned(),
+                meaning: meaning.to_owned(),
+                is_optional: outer.is_some_and(|(_, presence)| *presence != Presence::Required),
+                forms: Vec::new(),
+                rows: Vec::new(),
+            });
+        }
         sections[index].forms.push(when.clone());
         for key in &form.keys {
             sections[index].add(key, &when);

@@ -13,7 +13,8 @@ pub fn tolerance_keys() -> Vec<Form> {
     let rule = vec![
         Key::optional(
             "field",
-            "A field in every channel, or with a leading slash a channel's field; * stands for any characters.",
+            "A field in every channel, or with a leading slash a channel's field; * stands \
+             for any characters.",
             Kind::Text,
         ),
         Key::optional("unit", "Fields of this unit alone; with `field`, both must match.", Kind::Text),

@@ -124,7 +124,8 @@ fn quantity(target: &Target) -> Key {
     if target.dimension == Dimension::Acceleration {
         shared.push(Key::required(
             "gravity",
-            "Of vertical_acceleration alone: whether gravity is in it, 1 g at rest and taken off, or 0 at rest.",
+            "Of vertical_acceleration alone: whether gravity is in it, 1 g at rest and taken \
+             off, or 0 at rest.",
             choice(&GRAVITY),
         ));
     }

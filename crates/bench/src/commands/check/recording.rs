@@ -55,6 +55,12 @@ impl Checked {
         self.problems.push(problem);
     }
 
+    fn add_all(&mut self, problems: Vec<Told>) {
+        for problem in problems {
+            self.add(problem);
+        }
+    }
+
     fn fail(&mut self, file: &Path, error: &RecordingError) {
         let words = error.to_string();
         let words = words.strip_prefix(&file.display().to_string()).unwrap_or(&words);
@@ -72,15 +78,13 @@ fn read(file: &Path, recording: &Recording, checked: &mut Checked) {
     let session = recording.session();
     let inside = |name: &str| PathBuf::from(format!("{}/{name}", file.display()));
     match &session.rig_toml {
-        Some(text) => {
-            toml::rig(&inside("rig.toml"), text).into_iter().for_each(|problem| checked.add(problem))
-        }
+        Some(text) => checked.add_all(toml::rig(&inside("rig.toml"), text)),
         None => checked.notes.push("no rig is attached".to_owned()),
     }
     if let Some(text) = &session.mission_toml
         && let Err(error) = Mission::read(&inside("mission.toml"), text)
     {
-        told(&error).into_iter().for_each(|problem| checked.add(problem));
+        checked.add_all(told(&error));
     }
     messages(file, recording, checked);
 }
