@@ -13,7 +13,7 @@ use bench_rig::{Problem, RigError};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use crate::{exit::Exit, schema::Kind, words};
+use crate::{arguments::Json, exit::Exit, schema::Kind, words};
 
 /// Say whether rigs, airframes, missions, maps, calibrations, tolerance files and recordings are sound, without flying
 #[derive(Args)]
@@ -33,9 +33,8 @@ pub struct Arguments {
     /// What the files are, where their content cannot tell
     #[arg(long = "as", value_name = "KIND")]
     kind: Option<Wanted>,
-    /// Print as JSON (schema bench.check/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// What a file can be said to be.
@@ -168,7 +167,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     let files: Vec<_> = files.iter().map(|file| check(file, arguments.kind)).collect();
     let report = Report { schema: "bench.check/1", sound: files.iter().all(|file| file.sound), files };
-    if arguments.json {
+    if arguments.json.json {
         words::print_json(&report)?;
     } else {
         words::print(&in_words(&report))?;

@@ -48,6 +48,7 @@ pub const OUTPUTS: &[Output] = outputs! {
     "record-frames" "1",
     "recover" "1",
     "sim" "1",
+    "rigs" "1",
     "track" "1",
     "tune" "1",
     "verification" "1",
