@@ -221,3 +221,78 @@ fn what_cannot_be_diagnosed_is_said() {
     let words = refused(bench(["diagnose", &sat]), 2);
     assert!(words.contains("never flew"), "{words}");
 }
+
+#[test]
+fn what_is_not_sure_enough_is_inconclusive_and_fails_a_check() {
+    let scratch = Scratch::new();
+    let flights = flown(&scratch, None);
+    let diagnose = |more: &[&str]| {
+        let mut command = bench(["diagnose", "--rig", "virtual"]);
+        command.env("XDG_CACHE_HOME", scratch.path("cache")).args(&flights).args(more);
+        command
+    };
+    let page = scratch.name("inconclusive.html");
+    let words = stdout(&diagnose(&["--min-confidence", "0.999", "--html", &page]).assert().success());
+    assert!(
+        words.starts_with("Inconclusive: none leads with ") && words.contains(" was asked for\n"),
+        "{words}"
+    );
+    assert!(words.contains("what would help: "), "{words}");
+    assert!(fs::read_to_string(&page).unwrap().contains("<h1>Inconclusive: none leads with "));
+    let report = json(&diagnose(&["--min-confidence", "0.999", "--fail-on-gap", "--json"]).assert().code(1));
+    assert_eq!(report["verdict"], "inconclusive");
+    assert_eq!(report["leading"], "none");
+    assert_eq!(report["min_confidence"], 0.999);
+    assert_eq!(report["inconclusive_because"], serde_json::json!(["confidence"]));
+    let report = json(&diagnose(&["--min-confidence", "0", "--fail-on-gap", "--json"]).assert().success());
+    assert_eq!(report["verdict"], "none");
+    let words = refused(diagnose(&["--min-confidence", "1.5"]), 2);
+    assert!(words.contains("a probability from 0 to below 1"), "{words}");
+}
+
+#[test]
+fn the_calibration_is_the_same_everywhere_unless_asked_for_and_a_foreign_one_is_refused() {
+    let scratch = Scratch::new();
+    let flight = scratch.fly("hop.mcap", &["--mission", "hop", "--model", "vertical"]);
+    let diagnose = |more: &[&str]| {
+        let mut command = bench(["diagnose", &flight]);
+        command.env("XDG_CACHE_HOME", scratch.path("cache")).args(more);
+        command
+    };
+    let learnt = scratch.name("learnt.json");
+    let own =
+        json(&diagnose(&["--calibrate", "50", "--write-calibration", &learnt, "--json"]).assert().success());
+    assert_eq!(own["calibration_choice"]["how"], "learnt");
+
+    // What a machine has learnt changes nothing unasked, and is told.
+    let plain = json(&diagnose(&["--json"]).assert().success());
+    assert_eq!(plain["calibration_choice"]["how"], "built-in");
+    assert!(plain["calibration_choice"]["why"].as_str().unwrap().contains("--calibration auto"));
+    let auto = json(&diagnose(&["--calibration", "auto", "--json"]).assert().success());
+    assert_eq!(auto["calibration_choice"]["how"], "cache");
+
+    // The same on another machine.
+    let mut elsewhere = bench(["diagnose", &flight, "--calibration", &learnt, "--json"]);
+    let file = json(&elsewhere.env("XDG_CACHE_HOME", scratch.path("elsewhere")).assert().success());
+    assert_eq!(file["calibration_choice"]["how"], "file");
+    for told in [&auto, &file] {
+        assert_eq!(told["candidates"], own["candidates"]);
+    }
+
+    let other =
+        scratch.fly("loopback.mcap", &["--rig", "loopback", "--mission", "hop", "--model", "vertical"]);
+    let words = refused(bench(["diagnose", &other, "--calibration", &learnt]), 2);
+    assert!(words.contains("was learnt for a rig virtual"), "{words}");
+    let text = fs::read_to_string(&learnt).unwrap();
+    for damaged in
+        [text[..text.len() / 2].to_owned(), text.replace("\"doubt\": ", "\"doubt\": 7"), "{}".to_owned()]
+    {
+        fs::write(&learnt, damaged).unwrap();
+        let words = refused(diagnose(&["--calibration", &learnt]), 2);
+        assert!(words.contains("damaged"), "{words}");
+    }
+    let words = refused(diagnose(&["--calibration", &scratch.name("absent.json")]), 2);
+    assert!(words.contains("absent.json"), "{words}");
+    let words = refused(diagnose(&["--write-calibration", &scratch.name("never.json")]), 2);
+    assert!(words.contains("--calibrate learns one"), "{words}");
+}

@@ -11,7 +11,7 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::error::IdentifyError;
+use crate::{error::IdentifyError, plausible::plausible_altitude};
 
 /// A flight and until when its throttle was not closed over the altitude, s of its track; `None`: all of it.
 #[derive(Clone, Debug)]
@@ -134,13 +134,7 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
                 height_m: AIRBORNE_M,
             });
         }
-        if highest > 50.0 * rig.safety.ceiling_m {
-            return Err(IdentifyError::Altitude {
-                flight: flight.track.name.clone(),
-                height_m: highest,
-                ceiling_m: rig.safety.ceiling_m,
-            });
-        }
+        plausible_altitude(&flight.track, rig)?;
         let seen = open_sightings(flight);
         if seen.len() < LEAST_SIGHTINGS {
             return Err(refused(format!(
