@@ -202,7 +202,15 @@ impl Chosen {
 
 /// The calibration that is wanted for a rig and its missions.
 pub fn choose(wanted: &Wanted, rig: &Rig, missions: &Missions) -> anyhow::Result<Chosen> {
-    let cached = path(rig, missions).filter(|path| path.exists());
+    choose_from(wanted, path(rig, missions).filter(|path| path.exists()), rig, missions)
+}
+
+fn choose_from(
+    wanted: &Wanted,
+    cached: Option<PathBuf>,
+    rig: &Rig,
+    missions: &Missions,
+) -> anyhow::Result<Chosen> {
     match (wanted, cached) {
         (Wanted::File(file), _) => {
             let kept = Kept::read(file)?;
@@ -365,4 +373,58 @@ fn drawn(rig: &Rig, set: u64) -> Rig {
 
 fn log_uniform(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
     low * (high / low).powf(rng.random::<f64>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn learnt(rig: &Rig) -> Kept {
+        let calibration = Calibration::built_in().with_margins(vec![0.5; 60], "a test".to_owned());
+        Kept::new(calibration, rig, &Missions::default())
+    }
+
+    #[test]
+    fn a_calibration_is_used_where_it_is_asked_for_and_holds() {
+        let scratch = tempfile::tempdir().unwrap();
+        let file = scratch.path().join("learnt.json");
+        let rig = files::rig(Path::new("virtual")).unwrap();
+        let kept = learnt(&rig);
+        kept.write(&file).unwrap();
+        let chosen = |wanted: &str, cached: Option<&Path>, rig: &Rig| {
+            choose_from(&wanted.into(), cached.map(Path::to_owned), rig, &Missions::default())
+        };
+        let how = |wanted, cached| chosen(wanted, cached, &rig).map(|chosen| chosen.choice.how).unwrap();
+        // What a machine has learnt changes nothing unasked.
+        assert_eq!(how("built-in", Some(file.as_path())), "built-in");
+        assert_eq!(how("auto", None), "built-in");
+        assert_eq!(how("auto", Some(file.as_path())), "cache");
+        let named = chosen(file.to_str().unwrap(), None, &rig).unwrap();
+        assert_eq!((named.choice.how, &named.calibration), ("file", &kept.calibration));
+        assert!(named.warning.is_none());
+
+        // Other missions are a warning, another rig is an error.
+        let hop = Mission::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/missions/hop.toml"))
+            .unwrap();
+        let other = choose_from(&Wanted::File(file.clone()), None, &rig, &Missions(vec![hop])).unwrap();
+        assert!(other.warning.unwrap().contains("other missions"));
+        let foreign = chosen(file.to_str().unwrap(), None, &files::rig(Path::new("foreign")).unwrap());
+        let words = format!("{:#}", foreign.err().unwrap());
+        assert!(words.contains("was learnt for a rig virtual"), "{words}");
+
+        // A damaged one: told where it is named, and where it lies in the cache not used.
+        let text = fs::read_to_string(&file).unwrap();
+        for damaged in [
+            text[..text.len() / 2].to_owned(),
+            text.replace("\"doubt\": ", "\"doubt\": 7"),
+            text.replace("\"generation\": ", "\"generation\": 9"),
+            "{}".to_owned(),
+        ] {
+            fs::write(&file, &damaged).unwrap();
+            assert!(chosen(file.to_str().unwrap(), None, &rig).is_err(), "{damaged}");
+            let cached = chosen("auto", Some(file.as_path()), &rig).unwrap();
+            assert_eq!(cached.choice.how, "built-in");
+            assert!(cached.warning.unwrap().contains("is not used"));
+        }
+    }
 }

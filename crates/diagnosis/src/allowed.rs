@@ -12,8 +12,8 @@ use crate::{
 
 /// Which of the horizons is told.
 const HORIZON: usize = 1;
-/// An error so many times what is allowed is far outside: at a right rig none of a hundred million is beyond six of a normal
-/// distribution, and the library's effects at three sigma of their priors stay near it.
+/// An error so many times what is allowed is far outside: the library's effects at three sigma of their priors reach six, and so do
+/// offsets of the throttle that are 40 tolerances off, which they can stand for.
 const FAR: f64 = 10.0;
 /// A number of the rig further off than so many tolerances is another one.
 const MOST_TOLERANCES: f64 = 10.0;

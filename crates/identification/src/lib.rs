@@ -32,4 +32,7 @@ pub use thrust::{
     LevelLine, LevelsDiffer, Linearity, Measured, Point, ThrustIdentification, ThrustOptions, Use,
     identify_thrust,
 };
-pub use verify::{FlightVerified, OpenLoop, Tolerance, Trajectory, Verification, VerifyCheck, verify};
+pub use verify::{
+    DISTURBANCE, FlightVerified, OpenLoop, RANGES, Share, Tolerance, Trajectory, Verification, VerifyCheck,
+    VerifyVerdict, verify,
+};

@@ -97,7 +97,7 @@ impl Report {
             );
         }
         if self.inconclusive_because.contains(&Because::FlightsDisagree) {
-            next.insert(0, "what would help: diagnose the two groups apart; `--json` has the files of each as `disagreement.groups`".to_owned());
+            next.insert(0, "what would help: diagnose apart what was flown in different conditions; by `--json` the two groups that differ most are `disagreement.groups`".to_owned());
         }
         if self.verdict == Conclusion::Effect {
             next.push(
@@ -115,7 +115,7 @@ impl Report {
         }
         let disagreement = self.diagnosis.disagreement.as_ref();
         match disagreement.filter(|_| self.inconclusive_because.contains(&Because::FlightsDisagree)) {
-            Some(found) => format!("Inconclusive: {}", not_of_one(found)),
+            Some(_) => format!("Inconclusive: {NOT_OF_ONE}"),
             None => format!(
                 "Inconclusive: {} leads with {}, {} was asked for",
                 self.leading,
@@ -134,20 +134,18 @@ impl Report {
     }
 }
 
-fn not_of_one(found: &Disagreement) -> String {
-    let [first, second] = [&found.groups[0], &found.groups[1]].map(|group| numbered(&group.numbers));
-    format!("flights {first} and {second} are not of one condition")
-}
+const NOT_OF_ONE: &str = "the flights are not of one condition";
 
 fn apart(found: &Disagreement) -> String {
-    let says = |group: &Agreeing| format!("{} ± {}", short(group.value), short(group.sigma));
+    let says = |group: &Agreeing| {
+        format!("{} ± {} by {}", short(group.value), short(group.sigma), numbered(&group.numbers))
+    };
     let name = match found.effect {
         Some(effect) => format!("{effect} {}", found.name),
         None => found.name.to_owned(),
     };
     format!(
-        "{}: {name} would be about {} by the first and {} by the others (a chance of {} in one condition, the least of {} tried; below {} counts)",
-        not_of_one(found),
+        "{NOT_OF_ONE}: {name} would be about {} and {} (chance in one condition {}, the least of {} tried; below {} counts)",
         says(&found.groups[0]),
         says(&found.groups[1]),
         short(found.p),
@@ -156,7 +154,7 @@ fn apart(found: &Disagreement) -> String {
     )
 }
 
-/// `1 to 4 and 7`.
+/// `flights 1 to 4, 7`.
 fn numbered(numbers: &[usize]) -> String {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for number in numbers {
@@ -169,11 +167,7 @@ fn numbered(numbers: &[usize]) -> String {
         .into_iter()
         .map(|(first, last)| if first == last { first.to_string() } else { format!("{first} to {last}") })
         .collect();
-    match told.split_last() {
-        Some((last, [])) => last.clone(),
-        Some((last, rest)) => format!("{}, {last}", rest.join(", ")),
-        None => String::new(),
-    }
+    format!("{} {}", if numbers.len() == 1 { "flight" } else { "flights" }, told.join(", "))
 }
 
 #[cfg(test)]
