@@ -19,7 +19,7 @@ use crate::{
 /// Hold a rig's model against open-loop flights: does it predict them within a tolerance?
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench sim --mission hop -o hop.mcap && bench verify --rig rigs/virtual.toml hop.mcap
+  bench sim --mission hop -o hop.mcap && bench verify hop.mcap --band 2
   bench verify --rig my-quad.toml hop-*.mcap --tolerance 0.03 --html verify.html
   bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo the model is not good enough
 
@@ -155,7 +155,11 @@ fn in_words(found: &Verification) -> String {
         let _ = writeln!(
             out,
             "{} {}: {} ({} {}){}",
-            if check.passed { "passed" } else { "FAILED" },
+            match (check.passed, found.verdict) {
+                (true, _) => "passed",
+                (false, VerifyVerdict::NotInformative) => "TOO WIDE",
+                (false, _) => "FAILED",
+            },
             check.name,
             short(check.value),
             if check.at_least { "at least" } else { "at most" },
