@@ -203,10 +203,9 @@ fn told_of(case: &Path) -> String {
             out
         })
         .collect();
-    // Without what this machine may have learnt of the rig.
-    let mut command = bench(["diagnose", "--rig", "rigs/foreign.toml", "--json"]);
-    let report =
-        json(&command.env("XDG_CACHE_HOME", scratch.path("cache")).args(&flights).assert().success());
+    // What leads, however sure.
+    let mut command = bench(["diagnose", "--rig", "rigs/foreign.toml", "--min-confidence", "0", "--json"]);
+    let report = json(&command.args(&flights).assert().success());
     match report["effects"].as_array().unwrap().as_slice() {
         [] => report["verdict"].as_str().unwrap().to_owned(),
         laws => laws.iter().map(|law| law.as_str().unwrap()).collect::<Vec<_>>().join(" + "),
@@ -224,4 +223,57 @@ fn what_cannot_be_diagnosed_is_said() {
     let sat = scratch.fly("sat.mcap", &["--mission", &scratch.name("sit.toml")]);
     let words = refused(bench(["diagnose", &sat]), 2);
     assert!(words.contains("never flew"), "{words}");
+}
+
+#[test]
+fn what_is_not_sure_enough_is_inconclusive_and_fails_a_check() {
+    let scratch = Scratch::new();
+    let flights = flown(&scratch, None);
+    let diagnose = |more: &[&str]| {
+        let mut command = bench(["diagnose", "--rig", "virtual"]);
+        command.env("XDG_CACHE_HOME", scratch.path("cache")).args(&flights).args(more);
+        command
+    };
+    let page = scratch.name("inconclusive.html");
+    let words = stdout(&diagnose(&["--min-confidence", "0.999", "--html", &page]).assert().success());
+    assert!(
+        words.starts_with("Inconclusive: none leads with ") && words.contains(" was asked for\n"),
+        "{words}"
+    );
+    assert!(words.contains("what would help: "), "{words}");
+    assert!(fs::read_to_string(&page).unwrap().contains("<h1>Inconclusive: none leads with "));
+    let report = json(&diagnose(&["--min-confidence", "0.999", "--fail-on-gap", "--json"]).assert().code(1));
+    assert_eq!(report["verdict"], "inconclusive");
+    assert_eq!(report["leading"], "none");
+    assert_eq!(report["min_confidence"], 0.999);
+    assert_eq!(report["inconclusive_because"], serde_json::json!(["confidence"]));
+    let report = json(&diagnose(&["--min-confidence", "0", "--fail-on-gap", "--json"]).assert().success());
+    assert_eq!(report["verdict"], "none");
+    let words = refused(diagnose(&["--min-confidence", "1.5"]), 2);
+    assert!(words.contains("a probability from 0 to below 1"), "{words}");
+}
+
+#[test]
+fn the_calibration_is_told_and_one_that_cannot_be_used_is_refused() {
+    let scratch = Scratch::new();
+    let flight = scratch.fly("hop.mcap", &["--mission", "hop", "--model", "vertical"]);
+    let diagnose = |more: &[&str]| {
+        let mut command = bench(["diagnose", &flight]);
+        command.env("XDG_CACHE_HOME", scratch.path("cache")).args(more);
+        command
+    };
+    let report = json(&diagnose(&["--json"]).assert().success());
+    assert_eq!(report["calibration_choice"]["how"], "built-in");
+    let again = report["calibration_choice"]["again"].as_str().unwrap();
+    assert!(again.starts_with("--calibration built-in"), "{again}");
+
+    let file = scratch.name("damaged.json");
+    fs::write(&file, "{\"schema\": \"bench.calibration/1\", \"gener").unwrap();
+    let words = refused(diagnose(&["--calibration", &file]), 2);
+    assert!(words.contains("damaged.json") && words.contains("--write-calibration"), "{words}");
+    let words = refused(diagnose(&["--calibration", &scratch.name("absent.json")]), 2);
+    assert!(words.contains("absent.json"), "{words}");
+    let words = refused(diagnose(&["--write-calibration", &scratch.name("never.json")]), 2);
+    assert!(words.contains("--calibrate learns one"), "{words}");
+    assert!(!scratch.path("never.json").exists());
 }

@@ -52,3 +52,22 @@ fn nothing_is_written_where_nothing_is_identified() {
     assert!(words.contains("at least 3 are needed") && words.contains("nothing written"), "{words}");
     assert!(!scratch.path("never.toml").exists());
 }
+
+#[test]
+fn one_flight_given_three_times_is_one_flight() {
+    let scratch = Scratch::new();
+    let flight = &flights(&scratch, 1)[0];
+    let copy = scratch.name("copy.mcap");
+    std::fs::copy(flight, &copy).unwrap();
+    let out = scratch.name("never.toml");
+    let words = refused(
+        bench(["identify", "flight", "--rig", "rigs/virtual.toml", "-o", &out, flight, flight, &copy]),
+        2,
+    );
+    assert!(
+        words.contains("1 of the flights can be used; at least 3 are needed")
+            && words.matches("counted once").count() == 2,
+        "{words}"
+    );
+    assert!(!scratch.path("never.toml").exists());
+}

@@ -34,12 +34,31 @@ fn the_way_from_readings_to_a_verified_model() {
     assert_eq!(report["schema"], "bench.identification.ground-effect/1");
     assert_eq!(report["laws"][0]["law"], "linear", "{report:#}");
 
-    // The rig flies, and predicts a hop of the laboratory that the readings are of.
-    let hop = scratch.fly("hop.mcap", &["--mission", "rigs/missions/hop.toml"]);
+    // The rig flies, and what a balance tells holds nearly any hop.
+    let hop = scratch.fly("hop.mcap", &["--mission", "hop"]);
     let verify = ["verify", "--rig", &ground, &hop];
-    let report = json(&bench(verify).args(["--json", "--html", &page, "--force"]).assert().success());
+    let report = json(&bench(verify).args(["--json", "--html", &page, "--force"]).assert().code(1));
     assert_eq!(report["schema"], "bench.verification/1");
-    assert_eq!(report["passed"], true);
+    assert_eq!((&report["verdict"], &report["passed"]), (&"not-informative".into(), &false.into()));
+    assert_eq!(report["widened_by"][0]["name"], "thrust_hover", "{}", report["widened_by"]);
+    let shares: f64 =
+        report["widened_by"].as_array().unwrap().iter().map(|s| s["share"].as_f64().unwrap()).sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{shares}");
+    assert!(fs::read_to_string(&page).unwrap().contains("<h1>Not informative"));
+    let words = stdout(&bench(verify).assert().code(1));
+    assert!(
+        words.contains("TOO WIDE") && words.contains("what would narrow it: `bench identify flight`"),
+        "{words}"
+    );
+
+    // A limit that is wide enough, or flights that tell more, and it predicts the hop.
+    bench(verify).args(["--band", "5"]).assert().success();
+    let flown = scratch.name("flown.toml");
+    let flights = ["1", "2", "3"].map(|seed| scratch.fly(&format!("{seed}.mcap"), &["--seed", seed]));
+    bench(["identify", "flight", "--rig", &ground, "-o", &flown]).args(&flights).assert().success();
+    let verify = ["verify", "--rig", &flown, &hop];
+    let report = json(&bench(verify).args(["--json", "--html", &page, "--force"]).assert().success());
+    assert_eq!((&report["verdict"], &report["passed"]), (&"passed".into(), &true.into()));
     assert!(fs::read_to_string(&page).unwrap().contains("The model predicts these flights"));
 
     // A tolerance that nothing meets fails the check.

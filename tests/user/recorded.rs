@@ -118,3 +118,104 @@ fn a_flight_that_is_given_twice_is_counted_once_whatever_its_name() {
     assert_eq!(once["candidates"], thrice["candidates"]);
     assert_eq!(thrice["warnings"].to_string().matches("counted once").count(), 2, "{}", thrice["warnings"]);
 }
+
+/// A rig of the same airframe by name and unit, with one line of its airframe another.
+fn rig_with(scratch: &Scratch, name: &str, airframe: &str, line: &str, other: &str) -> String {
+    let root = crate::support::root();
+    let text = fs::read_to_string(root.join(format!("rigs/airframes/{airframe}.toml"))).unwrap();
+    assert!(text.contains(line), "{line}");
+    fs::write(scratch.path("airframe.toml"), text.replace(line, other)).unwrap();
+    let rig = fs::read_to_string(root.join(format!("rigs/{name}.toml"))).unwrap();
+    let of = rig.lines().find(|line| line.starts_with("airframe = ")).unwrap();
+    let file = scratch.name("other.toml");
+    fs::write(&file, rig.replace(of, "airframe = \"airframe.toml\"")).unwrap();
+    file
+}
+
+#[test]
+fn a_rig_that_cannot_be_a_model_of_the_flights_is_refused_and_its_numbers_are_named() {
+    let scratch = Scratch::new();
+    let flight = scratch.fly("steps.mcap", &["--mission", "steps", "--model", "vertical"]);
+    for (line, other, named) in [
+        (
+            "mass_kg = { value = 0.015, sigma = 0.00015 }",
+            "mass_kg = { value = 0.045, sigma = 0.00045 }",
+            "mass_kg",
+        ),
+        (
+            "offset_v = { value = 0.5, sigma = 0.01 }",
+            "offset_v = { value = 1.2, sigma = 0.01 }",
+            "thrust_offset",
+        ),
+    ] {
+        let rig = rig_with(&scratch, "virtual", "hubsan-q4", line, other);
+        let words = refused(diagnose(&scratch, &[&flight, "--rig", &rig, "--json"]), 2);
+        assert!(
+            words.contains("cannot be a model of these flights")
+                && words.contains("tolerances)")
+                && words.contains(named)
+                && !words.contains("NaN"),
+            "{named}: {words}"
+        );
+    }
+}
+
+#[test]
+fn a_large_effect_of_the_library_is_diagnosed_and_not_refused() {
+    let scratch = Scratch::new();
+    // Three sigma of its prior.
+    let flight = scratch.fly(
+        "lost.mcap",
+        &["--mission", "climb-040", "--model", "vertical", "--effect", "thrust-loss:fraction=0.18"],
+    );
+    let report = json(&diagnose(&scratch, &[&flight, "--json"]).assert().success());
+    assert_eq!(report["ahead"]["beyond"], false, "{}", report["ahead"]);
+    assert_ne!(report["leading"], "none", "{}", report["candidates"]);
+}
+
+#[test]
+fn altitudes_in_another_unit_are_refused() {
+    let scratch = Scratch::new();
+    let mut log = String::from("t,z,throttle\n");
+    for row in 0..200 {
+        let t = 0.1 * f64::from(row);
+        writeln!(log, "{t},{},{}", 400.0 + 50.0 * t.sin(), if row < 10 { 0.0 } else { 1.9 }).unwrap();
+    }
+    fs::write(scratch.path("mm.csv"), log).unwrap();
+    fs::write(
+        scratch.path("map.toml"),
+        "name = \"wrong\"\nactuation = \"volt\"\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[control]\nphase = \"hold\"\n\
+         [position]\nlatency_s = 0.0\nz = { column = \"z\", unit = \"m\" }\n[command]\nthrottle = { column = \"throttle\", unit = \"V\" }\n",
+    )
+    .unwrap();
+    let out = scratch.name("mm.mcap");
+    bench(["import", "--map", &scratch.name("map.toml"), &scratch.name("mm.csv"), "-o", &out])
+        .assert()
+        .success();
+    let words = refused(diagnose(&scratch, &[&out, "--rig", "virtual"]), 2);
+    assert!(words.contains("millimetres taken for metres") && words.contains("nothing diagnosed"), "{words}");
+}
+
+#[test]
+fn flights_of_two_conditions_are_inconclusive_and_the_groups_are_told() {
+    let scratch = Scratch::new();
+    let fly = |name: &str, effect: &[&str], seed: &str| {
+        let arguments = [&["--mission", "climb-040", "--model", "vertical", "--seed", seed], effect].concat();
+        scratch.fly(name, &arguments)
+    };
+    let lag = |size: &'static str| ["--effect", size];
+    let short: Vec<String> = ["1", "2", "3"]
+        .map(|seed| fly(&format!("short-{seed}.mcap"), &lag("rotor-lag:time_constant_s=0.05"), seed))
+        .into();
+    let long: Vec<String> = ["4", "5", "6"]
+        .map(|seed| fly(&format!("long-{seed}.mcap"), &lag("rotor-lag:time_constant_s=0.25"), seed))
+        .into();
+    let all: Vec<&str> = short.iter().chain(&long).map(String::as_str).collect();
+    let report = json(&diagnose(&scratch, &[&all[..], &["--json"]].concat()).assert().success());
+    assert_eq!(report["verdict"], "inconclusive", "{}", report["disagreement"]);
+    assert_eq!(report["inconclusive_because"][0], "flights-disagree");
+    assert_eq!(report["effects"].as_array().map(Vec::len), Some(0));
+    let groups = &report["disagreement"]["groups"];
+    assert_eq!(groups[0]["flights"].as_array().map(Vec::len), Some(3), "{groups}");
+    assert!(report["warnings"][0].as_str().is_some_and(|text| text.contains("flights 1 to 3")), "{report:#}");
+}

@@ -4,7 +4,9 @@ mod figures;
 
 use std::fmt::Write as _;
 
-use bench_identification::{GroundIdentification, Refused, ThrustIdentification, Verification};
+use bench_identification::{
+    GroundIdentification, Refused, ThrustIdentification, Verification, VerifyVerdict,
+};
 use bench_page::{document, escaped};
 use bench_rig::{GRAVITY_M_S2, Rig};
 
@@ -321,15 +323,25 @@ pub fn verification(found: &Verification, rig: &Rig) -> String {
         .iter()
         .map(|flight| card(&trajectory_figure(flight).svg(), "The line is the rig's model from the recorded throttle alone, in calm air; the bands hold 50 and 95 % of trajectories within the rig's tolerances in ordinary air, as far as they are within the figure."))
         .collect();
-    let verdict =
-        if found.passed { "The model predicts these flights" } else { "The model misses these flights" };
+    let (verdict, class) = match found.verdict {
+        VerifyVerdict::Passed => ("The model predicts these flights", "pass"),
+        VerifyVerdict::Failed => ("The model misses these flights", "fail"),
+        VerifyVerdict::NotInformative => ("Not informative: nearly any flight would have passed", "odd"),
+    };
+    let widened: Vec<Vec<String>> = found
+        .widened_by
+        .iter()
+        .map(|share| vec![escaped(share.name), format!("{:.0} %", 100.0 * share.share)])
+        .collect();
     let body = format!(
-        "<section class=\"card verdict {}\"><h1>{verdict}</h1><p class=\"lead\">Rig {}, airframe {}; {}; nothing was fitted.</p></section>{}{}{}{drawn}",
-        if found.passed { "pass" } else { "fail" },
+        "<section class=\"card verdict {}\"><h1>{verdict}</h1><p class=\"lead\">Rig {}, airframe {}; {}; nothing was fitted.</p></section>{}{}{}{}{}{drawn}",
+        class,
         escaped(&rig.name),
         escaped(&rig.airframe.name),
         words::count(found.flights.len() as u64, "flight"),
         part("Checks", &table(&["check", "reached", "limit", "worst flight", ""], &checks)),
+        part("What the band's variance comes from", &table(&["tolerance of", "share"], &widened)),
+        list("What would narrow the band", &found.narrowed_by),
         list("Warnings", &found.warnings),
         part(
             "Flights",

@@ -268,6 +268,10 @@ struct Difference {
 
 /// Values within so many of their joint tolerances are the same number, measured twice.
 const SIGMAS: f64 = 3.0;
+/// Noise that was measured twice agrees no better.
+const NOISE_SHARE: f64 = 0.25;
+/// Other numbers that differ by less are the same, rounded.
+const ROUNDED_SHARE: f64 = 1e-3;
 
 impl Difference {
     /// Whether it bears on what a flight should have done.
@@ -285,10 +289,16 @@ impl Difference {
             if sigma > 0.0 {
                 (a - b).abs() > SIGMAS * sigma
             } else {
-                (a - b).abs() > 1e-3 * a.abs().max(b.abs())
+                let share = if self.is_of_noise() { NOISE_SHARE } else { ROUNDED_SHARE };
+                (a - b).abs() > share * a.abs().max(b.abs())
             }
         });
-        self.is_of_model() && beyond
+        // How well a throttle is known moves no flight.
+        self.is_of_model() && beyond && !self.key.contains("hover_sigma")
+    }
+
+    fn is_of_noise(&self) -> bool {
+        self.key.contains("noise") || self.key.contains("probability")
     }
 
     fn in_words(&self) -> String {

@@ -5,6 +5,8 @@ use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
 use crate::{
+    agree::{Disagreement, disagreement},
+    allowed::{Ahead, ahead},
     calibration::{Calibration, Told},
     direct::{Direct, Finding, direct},
     fit::{Fit, Problem},
@@ -21,16 +23,21 @@ use crate::{
     weigh::{Grounds, Hypothesis, Weighed},
 };
 
-/// What a diagnosis says. As JSON it is `bench.diagnosis/1` (docs/diagnosis.md).
+/// What a diagnosis says: the evidence, and what it comes to. How sure it must be to be told is for those who report it, who put
+/// the first four keys of `bench.diagnosis/1` (docs/diagnosis.md) before the others.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Diagnosis {
     /// `bench.diagnosis/1`.
+    #[serde(skip)]
     pub schema: &'static str,
     /// What it comes to.
+    #[serde(skip)]
     pub verdict: Verdict,
     /// The effects named, where the verdict is [`Verdict::Effect`].
+    #[serde(skip)]
     pub effects: Vec<&'static str>,
     /// Probability of the verdict and, for an effect, of exactly these effects.
+    #[serde(skip)]
     pub confidence: f64,
     /// What made probabilities of evidence.
     pub calibration: Calibration,
@@ -46,6 +53,10 @@ pub struct Diagnosis {
     pub numbers_with_effect: Vec<Number>,
     /// Noise as fitted without effects.
     pub noise: NoiseTold,
+    /// What shows that the flights are not of one condition, where something does.
+    pub disagreement: Option<Disagreement>,
+    /// How far off the rig as it is predicts, and how far its tolerances and noise allow; absent where flights are too short.
+    pub ahead: Option<Ahead>,
     /// How large the gap is, and how far it shrinks.
     pub gap: Gap,
     /// Where it lies.
@@ -224,7 +235,7 @@ const INTERVAL_SIGMAS: f64 = 1.645;
 /// and by how much sigma is wider, for sightings that are not quite independent.
 const WIDENED: f64 = 1.2;
 /// One sigma of what another form of a law makes of its parameters, as a fraction: learnt with the calibration.
-const FORM_SIGMA: f64 = 0.25;
+pub(crate) const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
 const SET_PROBABILITY: f64 = 0.9;
 
@@ -313,6 +324,8 @@ impl Diagnosis {
                 sighting_m: null.noise.sighting_m,
                 sighting_nominal_m: problem.noise.sighting_m,
             },
+            disagreement: disagreement(problem, best, calibration.temperature),
+            ahead: ahead(problem, best),
             gap: gap(problem, null, best),
             place: place(problem, top, weighed, search, direct),
             direct: direct.findings.clone(),
@@ -555,19 +568,10 @@ fn next(verdict: Verdict, candidates: &[Candidate], group: &[Likeness]) -> Vec<S
             others.join(", ")
         ));
     }
-    match verdict {
-        Verdict::Effect => {
-            words.push(
-                "`--write-rig FILE` writes the rig with the effect, for `bench sim` and for checking"
-                    .to_owned(),
-            );
-        }
-        Verdict::Unknown => {
-            words.push(
-                "look at where it lies, and fly more there; no effect of the library is like it".to_owned(),
-            );
-        }
-        Verdict::None => {}
+    if verdict == Verdict::Unknown {
+        words.push(
+            "look at where it lies, and fly more there; no effect of the library is like it".to_owned(),
+        );
     }
     words
 }

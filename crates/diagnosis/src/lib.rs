@@ -9,6 +9,8 @@
 //! A Kalman filter (`pass`) predicts each sighting through the same laws that the simulator flies (`law`), and its
 //! innovations score a hypothesis. `docs/diagnosis.md` has the equations.
 
+mod agree;
+mod allowed;
 mod calibration;
 mod chain;
 mod cycle;
@@ -33,6 +35,8 @@ mod stage;
 mod track;
 mod weigh;
 
+pub use agree::{Agreeing, Disagreement};
+pub use allowed::{Ahead, Off};
 pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
 pub use diagnose::{
     Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, ParameterValue, Place,

@@ -26,9 +26,13 @@ pub use flight::{FlightIdentification, IdentifiedNumber, identify_flights};
 pub use ground::{
     GroundIdentification, GroundNumber, GroundPoint, Law, LawTold, ThrottleTold, identify_ground_effect,
 };
+pub use plausible::plausible_altitude;
 pub use readings::{Mounting, Reading, Readings, Refused};
 pub use thrust::{
     LevelLine, LevelsDiffer, Linearity, Measured, Point, ThrustIdentification, ThrustOptions, Use,
     identify_thrust,
 };
-pub use verify::{FlightVerified, OpenLoop, Tolerance, Trajectory, Verification, VerifyCheck, verify};
+pub use verify::{
+    DISTURBANCE, FlightVerified, OpenLoop, RANGES, Share, Tolerance, Trajectory, Verification, VerifyCheck,
+    VerifyVerdict, verify,
+};

@@ -26,6 +26,16 @@ const MOST_TURBULENCE: f64 = 0.2 * GRAVITY_M_S2;
 const MOST_SIGHTING_M: f64 = 0.1;
 const MOST_OUTLIERS: f64 = 0.1;
 
+/// Refuses altitudes that no flight of a rig reaches: those of another unit.
+pub fn plausible_altitude(track: &Track, rig: &Rig) -> Result<(), IdentifyError> {
+    let height_m = track.sightings.iter().map(|s| s.z_m.abs()).fold(0.0, f64::max);
+    let ceiling_m = rig.safety.ceiling_m;
+    if height_m > ABSURD_CEILINGS * ceiling_m {
+        return Err(IdentifyError::Altitude { flight: track.name.clone(), height_m, ceiling_m });
+    }
+    Ok(())
+}
+
 /// Checks flights against the rig before anything is fitted.
 pub fn before(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
     if tracks.len() < LEAST_FLIGHTS {
@@ -33,11 +43,8 @@ pub fn before(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
     }
     let mut ratios = Vec::new();
     for track in tracks {
+        plausible_altitude(track, rig)?;
         let height_m = track.sightings.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
-        if height_m > ABSURD_CEILINGS * rig.safety.ceiling_m {
-            let ceiling_m = rig.safety.ceiling_m;
-            return Err(IdentifyError::Altitude { flight: track.name.clone(), height_m, ceiling_m });
-        }
         if height_m < AIRBORNE_M {
             return Err(IdentifyError::NeverAirborne { flight: track.name.clone(), height_m: AIRBORNE_M });
         }

@@ -11,7 +11,7 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::error::IdentifyError;
+use crate::{error::IdentifyError, plausible::plausible_altitude};
 
 /// A flight and until when its throttle was not closed over the altitude, s of its track; `None`: all of it.
 #[derive(Clone, Debug)]
@@ -33,12 +33,30 @@ pub struct Tolerance {
     pub inside: f64,
     /// Greatest mean of squared errors over expected ones, of predictions from sighting to sighting; 1 for a right model.
     pub consistency: f64,
+    /// Greatest mean width of the band of 95 %, m; `None`: [`RANGES`] of what each flight spans in altitude.
+    pub band_m: Option<f64>,
 }
 
 impl Default for Tolerance {
     fn default() -> Self {
-        Self { ahead_m: 0.02, trajectory_m: None, inside: 0.8, consistency: 2.0 }
+        Self { ahead_m: 0.02, trajectory_m: None, inside: 0.8, consistency: 2.0, band_m: None }
     }
+}
+
+/// A band as wide as all that a flight spans in altitude holds both that it never left the ground and that it went twice as high: it
+/// tells nothing.
+pub const RANGES: f64 = 1.0;
+
+/// What a verification comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VerifyVerdict {
+    /// All checks were met.
+    Passed,
+    /// A flight is none that the model predicts.
+    Failed,
+    /// The flights are within a band that nearly any flight would be within.
+    NotInformative,
 }
 
 /// How a model predicts flights. As JSON it is `bench.verification/1` (docs/model-development.md).
@@ -46,10 +64,16 @@ impl Default for Tolerance {
 pub struct Verification {
     /// `bench.verification/1`.
     pub schema: &'static str,
+    /// What it comes to.
+    pub verdict: VerifyVerdict,
     /// Whether all checks passed.
     pub passed: bool,
     /// Each check.
     pub checks: Vec<VerifyCheck>,
+    /// What makes the bands as wide as they are, largest share first.
+    pub widened_by: Vec<Share>,
+    /// What would narrow them, in words, most first; empty where they are narrow enough.
+    pub narrowed_by: Vec<String>,
     /// Flight by flight.
     pub flights: Vec<FlightVerified>,
     /// What could not be used.
@@ -73,6 +97,20 @@ pub struct VerifyCheck {
     pub passed: bool,
 }
 
+/// A share of the variance of trajectories from the throttle alone.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Share {
+    /// The number of the rig whose tolerance it is, or [`DISTURBANCE`].
+    pub name: &'static str,
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// The share of what acts besides the model: trim, turbulence, lift-off, the tracker's noise.
+pub const DISTURBANCE: &str = "disturbance";
+/// A tolerance of which less than this share comes is not worth narrowing.
+const WORTH_NARROWING: f64 = 0.1;
+
 /// One flight against the model.
 #[derive(Clone, Debug, Serialize)]
 pub struct FlightVerified {
@@ -88,6 +126,10 @@ pub struct FlightVerified {
     pub trajectory_rms_m: f64,
     /// Share of sightings within the band of 95 %.
     pub inside: f64,
+    /// Mean width of that band, m.
+    pub band_m: f64,
+    /// What the flight spans in altitude, m.
+    pub range_m: f64,
     /// Highest altitude: seen, predicted, and the ends of 95 % of predictions, m.
     pub peak_m: [f64; 4],
     /// The trajectories.
@@ -111,6 +153,8 @@ pub struct Trajectory {
 
 /// Trajectories that a band is made of.
 const DRAWS: u64 = 400;
+/// The same with the rig's numbers as they are, to see what the disturbances alone do.
+const CALM_DRAWS: u64 = 100;
 /// Longest step, s.
 const STEP_S: f64 = 0.005;
 /// Never seen higher, it has not flown, m.
@@ -124,6 +168,7 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
     let problem = Problem::new(&tracks, rig);
     let pass = problem.predict(&problem.nominal, &problem.noise);
     let mut verified = Vec::new();
+    let mut variances = [0.0; 9];
     for (flight, pass) in flights.iter().zip(&pass.tracks) {
         let refused =
             |reason: String| IdentifyError::NotVerifiable { flight: flight.track.name.clone(), reason };
@@ -134,13 +179,7 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
                 height_m: AIRBORNE_M,
             });
         }
-        if highest > 50.0 * rig.safety.ceiling_m {
-            return Err(IdentifyError::Altitude {
-                flight: flight.track.name.clone(),
-                height_m: highest,
-                ceiling_m: rig.safety.ceiling_m,
-            });
-        }
+        plausible_altitude(&flight.track, rig)?;
         let seen = open_sightings(flight);
         if seen.len() < LEAST_SIGHTINGS {
             return Err(refused(format!(
@@ -158,6 +197,10 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
             .filter(|(seen, [low, high])| (*low..=*high).contains(&seen.z_m))
             .count();
         let peak = |values: &[f64]| values.iter().copied().fold(f64::MIN, f64::max);
+        let lowest = trajectory.seen_m.iter().copied().fold(f64::MAX, f64::min);
+        for (sum, variance) in variances.iter_mut().zip(variances_of(&flight.track, &seen, &problem)) {
+            *sum += variance;
+        }
         verified.push(FlightVerified {
             name: flight.track.name.clone(),
             k_step_m: pass.predictions.map(|(sum, n)| (n > 0).then(|| (sum / f64::from(n)).sqrt())),
@@ -165,15 +208,27 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
             consistency: Consistency::of(&pass.innovations),
             trajectory_rms_m: (squares / n).sqrt(),
             inside: inside as f64 / n,
+            band_m: trajectory.band_95_m.iter().map(|[low, high]| high - low).sum::<f64>() / n,
+            range_m: peak(&trajectory.seen_m) - lowest,
             peak_m: [peak(&trajectory.seen_m), peak(&trajectory.nominal_m), peaks[0], peaks[1]],
             trajectory,
         });
     }
     let checks = checks(&verified, tolerance)?;
+    let band = band_check(&verified, tolerance);
+    let verdict = match (checks.iter().all(|check| check.passed), band.passed) {
+        (true, true) => VerifyVerdict::Passed,
+        (true, false) => VerifyVerdict::NotInformative,
+        (false, _) => VerifyVerdict::Failed,
+    };
+    let widened_by = shares(&variances, rig);
     Ok(Verification {
         schema: "bench.verification/1",
-        passed: checks.iter().all(|check| check.passed),
-        checks,
+        verdict,
+        passed: verdict == VerifyVerdict::Passed,
+        narrowed_by: if band.passed { Vec::new() } else { narrowed_by(&widened_by) },
+        widened_by,
+        checks: [checks, vec![band]].concat(),
         flights: verified,
         warnings: Vec::new(),
     })
@@ -238,6 +293,87 @@ fn checks(flights: &[FlightVerified], tolerance: &Tolerance) -> Result<Vec<Verif
         passed: inside >= tolerance.inside,
     });
     Ok(checks)
+}
+
+/// Whether the bands are narrow enough for a flight within them to tell anything.
+fn band_check(flights: &[FlightVerified], tolerance: &Tolerance) -> VerifyCheck {
+    let limit = |flight: &FlightVerified| tolerance.band_m.unwrap_or(RANGES * flight.range_m);
+    let worst = flights.iter().max_by(|a, b| (a.band_m / limit(a)).total_cmp(&(b.band_m / limit(b))));
+    let (flight, value, limit) =
+        worst.map_or((None, 0.0, 0.0), |flight| (Some(flight.name.clone()), flight.band_m, limit(flight)));
+    VerifyCheck {
+        name: "mean width of the band of 95 %, m",
+        flight,
+        value,
+        limit,
+        at_least: false,
+        passed: value <= limit,
+    }
+}
+
+/// What of the variance over a flight comes from each of the rig's numbers, in their order, and last from all else, m^2: to first
+/// order, and of trajectories with the rig's own numbers.
+fn variances_of(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> [f64; 9] {
+    let mut out = [0.0; 9];
+    for (i, variance) in out.iter_mut().take(problem.sigma.len()).enumerate() {
+        let sigma = problem.sigma[i];
+        if sigma > 0.0 {
+            let moved = |way: f64| {
+                let mut point = problem.nominal.clone();
+                point.nuisances[i] += way * sigma;
+                fly(track, seen, problem, &point, None)
+            };
+            *variance = moved(1.0).iter().zip(moved(-1.0)).map(|(a, b)| (0.5 * (a - b)).powi(2)).sum::<f64>();
+        }
+    }
+    let drawn: Vec<Vec<f64>> = (0..CALM_DRAWS)
+        .into_par_iter()
+        .map(|draw| {
+            let mut rng = ChaCha8Rng::seed_from_u64(DRAWS + draw);
+            fly(track, seen, problem, &problem.nominal, Some(&mut rng))
+        })
+        .collect();
+    let n = drawn.len() as f64;
+    out[8] = (0..seen.len())
+        .map(|k| {
+            let mean = drawn.iter().map(|z| z[k]).sum::<f64>() / n;
+            drawn.iter().map(|z| (z[k] - mean).powi(2)).sum::<f64>() / n
+        })
+        .sum();
+    out
+}
+
+fn shares(variances: &[f64; 9], rig: &Rig) -> Vec<Share> {
+    let total: f64 = variances.iter().sum();
+    let names = Point::names(rig).into_iter().chain([DISTURBANCE]);
+    let mut shares: Vec<Share> = names
+        .zip(variances)
+        .filter(|(_, variance)| **variance > 0.0)
+        .map(|(name, variance)| Share { name, share: variance / total })
+        .collect();
+    shares.sort_by(|a, b| b.share.total_cmp(&a.share));
+    shares
+}
+
+fn narrowed_by(widened_by: &[Share]) -> Vec<String> {
+    let mut out: Vec<String> = Vec::new();
+    for share in widened_by.iter().filter(|share| share.share >= WORTH_NARROWING) {
+        let how = match share.name {
+            "mass_kg" => "a finer balance for the mass",
+            "thrust_gain" | "thrust_offset" => {
+                "`bench identify thrust` from readings of a balance, then `bench identify flight`, which tells the throttle that hovers"
+            }
+            "ground_effect_multiplier" | "ground_effect_height_m" => "`bench identify ground-effect`",
+            DISTURBANCE => {
+                "`bench identify flight`, which measures what acts besides the model, and shorter hops"
+            }
+            _ => "`bench identify flight`",
+        };
+        if !out.iter().any(|known| known == how) {
+            out.push(how.to_owned());
+        }
+    }
+    out
 }
 
 /// The sightings from the first throttle on, until a loop takes over or the airframe comes down.

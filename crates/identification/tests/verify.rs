@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use bench_diagnosis::Track;
-use bench_identification::{IdentifyError, OpenLoop, Tolerance, verify};
+use bench_identification::{IdentifyError, OpenLoop, Tolerance, VerifyVerdict, verify};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Model, Rig, Uncertain};
@@ -118,7 +118,27 @@ fn what_acts_in_flight_and_is_not_in_the_rig_shows() {
     real.effects.push(parse_effect("tracker-latency:extra_s=0.25").unwrap());
     let flights = [fly(&real, &rig, &hop(1.02), 2)];
     let found = verify(&flights, &rig, &Tolerance::default()).unwrap();
-    assert!(!found.passed, "{:?}", found.checks);
+    // However wide the band.
+    assert_eq!(found.verdict, VerifyVerdict::Failed, "{:?}", found.checks);
+}
+
+#[test]
+fn a_band_that_nearly_any_flight_is_within_is_not_informative() {
+    let mut rig = virtual_rig();
+    let flights = [fly(&rig, &rig, &hop(0.98), 1)];
+    let wide = verify(&flights, &rig, &Tolerance::default()).unwrap();
+    assert_eq!((wide.verdict, wide.passed), (VerifyVerdict::NotInformative, false), "{:?}", wide.checks);
+    // 2 % of the gain are more than 1 % of the mass and 10 mV of 1.4 V.
+    assert_eq!(wide.widened_by[0].name, "thrust_gain", "{:?}", wide.widened_by);
+    assert!(wide.narrowed_by[0].contains("bench identify thrust"), "{:?}", wide.narrowed_by);
+    let limit = Tolerance { band_m: Some(5.0), ..Tolerance::default() };
+    assert_eq!(verify(&flights, &rig, &limit).unwrap().verdict, VerifyVerdict::Passed);
+
+    // What is known better no longer leads.
+    rig.airframe.thrust.gain_n_per_unit.sigma = 0.0001;
+    let narrower = verify(&flights, &rig, &Tolerance::default()).unwrap();
+    assert_eq!(narrower.widened_by[0].name, "mass_kg", "{:?}", narrower.widened_by);
+    assert!(narrower.flights[0].band_m < wide.flights[0].band_m);
 }
 
 #[test]

@@ -4,7 +4,8 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Diagnosis, NextFlight, Problem, Track, Verdict};
+use bench_diagnosis::{Ahead, Diagnosis, NextFlight, Problem, Track};
+use bench_identification::plausible_altitude;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
 use bench_run::{Ending, simulate_on};
@@ -12,16 +13,17 @@ use clap::Args;
 
 use crate::{
     arguments::{Force, Json, Page},
-    calibration::{self, Missions},
+    calibration::{self, Chosen, Missions, Wanted},
     commands::tracks::Selection,
     diagnosis::{
         page::{Made, page},
+        report::{Conclusion, Report},
         terminal::in_words,
     },
     exit::Exit,
     files::{self, Form, Outputs},
     recorded::NominalRig,
-    words,
+    words::{self, short},
 };
 
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
@@ -33,9 +35,17 @@ use crate::{
   bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
   bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
   bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
+  bench diagnose flight-*.mcap --fail-on-gap --min-confidence 0.8 || echo look at it
+  bench diagnose flight-*.mcap --calibrate --write-calibration my-quad.json
+  bench diagnose flight-*.mcap --calibration my-quad.json
 
-Probabilities come from a calibration: one for this rig and these missions if --calibrate made
-it before, else the built-in one.
+Probabilities come from a calibration. The built-in one is the same on every machine, and so the
+default. --calibrate learns one for this rig and these missions.
+
+The verdict is `inconclusive` where what leads is less probable than --min-confidence, or where
+the flights are not of one condition. With --fail-on-gap the exit code is 0 for `none` alone, and
+1 for a gap, for `unknown` and for `inconclusive`, for then the check did not pass. Without it all
+verdicts end with 0. Flights that the rig cannot describe at all end with 2 and no verdict.
 
 A rig's own [[effect]] tables are part of the model: flights diagnosed with the rig that
 --write-rig wrote should say `none`.
@@ -50,12 +60,22 @@ pub struct Arguments {
     rig: NominalRig,
     /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and three times as many
     /// with effects of the library, and keep what they teach in the cache
-    #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100")]
+    #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100", conflicts_with = "calibration")]
     calibrate: Option<usize>,
+    /// What makes probabilities: built-in; auto, what this machine has learnt of this rig and these missions, if it has; or a
+    /// file that --write-calibration wrote
+    #[arg(long, value_name = "built-in|auto|FILE", default_value = "built-in", value_parser = clap::builder::ValueParser::new(wanted))]
+    calibration: Wanted,
+    /// Write the calibration that was learnt, for --calibration on another machine
+    #[arg(long, value_name = "FILE")]
+    write_calibration: Option<PathBuf>,
+    /// Least probability with which anything is told; below it the verdict is `inconclusive`. 0 tells what leads, whatever it is worth
+    #[arg(long, value_name = "PROBABILITY", default_value_t = MIN_CONFIDENCE, value_parser = probability)]
+    min_confidence: f64,
     /// Write the rig with the named effect added, as a new rig file
     #[arg(long, value_name = "FILE")]
     write_rig: Option<PathBuf>,
-    /// Exit with 1 unless the verdict is `none`
+    /// Exit with 1 unless the verdict is `none`: also where it is `inconclusive`
     #[arg(long)]
     fail_on_gap: bool,
     #[command(flatten)]
@@ -72,12 +92,27 @@ pub struct Arguments {
     json: Json,
 }
 
+/// What is told is then more often right than wrong: probabilities are calibrated, so that half of what is told with 50 % is right.
+const MIN_CONFIDENCE: f64 = 0.5;
+
+fn wanted(text: &str) -> Result<Wanted, std::convert::Infallible> {
+    Ok(Wanted::from(text))
+}
+
+fn probability(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(p) if (0.0..1.0).contains(&p) => Ok(p),
+        _ => Err("a probability from 0 to below 1 is expected, such as 0.8".to_owned()),
+    }
+}
+
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let between = between(arguments)?;
     Outputs::new(arguments.force.force)
         .and(arguments.page.html.as_deref(), Form::Html)
         .and(arguments.write_rig.as_deref(), Form::Toml)
         .and(arguments.next_flight.as_deref(), Form::Toml)
+        .and(arguments.write_calibration.as_deref(), Form::Any)
         .from(arguments.selection.flights.iter().map(PathBuf::as_path))
         .check()?;
     let recorded = arguments.selection.load()?;
@@ -86,6 +121,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let (tracks, refused) = arguments.selection.tracks(&recorded, &rig);
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed:\n{}", refused.join("\n"));
+    }
+    for track in &tracks {
+        plausible_altitude(track, &rig).context("nothing diagnosed")?;
     }
     let mut warnings = [recorded.remarks.clone(), nominal.remarks, refused].concat();
     let mut flown = Missions::default();
@@ -98,12 +136,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     }
     warnings.extend(unused_motion(&tracks, &rig));
-    let calibration = match arguments.calibrate {
-        Some(sets) => calibration::learn(&rig, &flown, sets)?,
-        None => calibration::cached(&rig, &flown).unwrap_or_else(Calibration::built_in),
+    let chosen = match arguments.calibrate {
+        Some(sets) => calibration::learnt(&rig, &flown, sets)?,
+        None => calibration::choose(&arguments.calibration, &rig, &flown)?,
     };
+    let Chosen { calibration, choice, warning, kept } = chosen;
+    warnings.extend(warning);
+    if let Some(file) = &arguments.write_calibration {
+        let kept = kept.with_context(|| {
+            format!(
+                "{} is not written: the calibration is the built-in one; --calibrate learns one",
+                file.display()
+            )
+        })?;
+        kept.write(file)?;
+    }
     let problem = Problem::new(&tracks, &rig);
     let mut diagnosis = Diagnosis::of(&problem, &calibration);
+    refuse_absurd(&diagnosis, &nominal.from)?;
     let mut refused = false;
     if arguments.next_flight.is_some() {
         match NextFlight::propose(&problem, &diagnosis.candidates, between, &flown.distinct(), fly) {
@@ -115,28 +165,77 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     }
     diagnosis.warnings = warnings;
+    let report = Report::new(diagnosis, arguments.min_confidence, choice);
     if arguments.json.json {
-        words::print_json(&diagnosis)?;
+        words::print_json(&report)?;
     } else {
-        words::print(&in_words(&diagnosis, rig.airframe.actuation))?;
+        words::print(&in_words(&report, rig.airframe.actuation))?;
     }
     if let Some(file) = &arguments.page.html {
         let command = std::iter::once("bench".to_owned())
             .chain(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
             .collect();
-        files::write_and_say(file, &page(&diagnosis, &Made { rig: &rig, command }))?;
+        files::write_and_say(file, &page(&report, &Made { rig: &rig, command }))?;
     }
     if let Some(path) = &arguments.write_rig {
-        write_rig(path, &rig, &diagnosis)?;
+        write_rig(path, &rig, &report)?;
     }
+    let diagnosis = &report.diagnosis;
     if let (Some(next), Some(file)) = (&diagnosis.next_flight, &arguments.next_flight) {
         files::write(file, &next.to_toml())?;
         if !arguments.json.json {
             words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
         }
     }
-    let gap = diagnosis.verdict != Verdict::None;
+    let gap = report.verdict != Conclusion::None;
     Ok(if refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// Numbers further off are told as those that are.
+const OFF_TOLERANCES: f64 = 5.0;
+
+/// Refuses flights that the rig cannot describe, naming the numbers that are off.
+fn refuse_absurd(diagnosis: &Diagnosis, rig: &str) -> anyhow::Result<()> {
+    let Some(ahead) = diagnosis.ahead.as_ref().filter(|ahead| ahead.beyond) else { return Ok(()) };
+    let mut off: Vec<_> = diagnosis.numbers.iter().filter(|n| n.sigmas.abs() > OFF_TOLERANCES).collect();
+    off.sort_by(|a, b| b.sigmas.abs().total_cmp(&a.sigmas.abs()));
+    let mut lines: Vec<String> = off
+        .iter()
+        .map(|n| {
+            format!(
+                "{} would have to be {} instead of {} ({:.0} tolerances)",
+                n.name,
+                short(n.fitted),
+                short(n.nominal),
+                n.sigmas.abs()
+            )
+        })
+        .collect();
+    lines.extend(nearest(ahead));
+    let times = ahead.error_m / ahead.allowed_m;
+    bail!(
+        "{rig} cannot be a model of these flights: {} s ahead it is off by {} m, {} times the {} m that its tolerances and noise allow, and no verdict is told\n  {}\ncheck the rig, the unit and offset of the throttle and the unit of the altitude (`bench info`), or widen the tolerances that are too narrow",
+        ahead.horizon_s,
+        short(ahead.error_m),
+        short(times),
+        short(ahead.allowed_m),
+        lines.join("\n  ")
+    )
+}
+
+/// What the best explanation comes to, which is none.
+fn nearest(ahead: &Ahead) -> Vec<String> {
+    let effects = ahead.off.iter().filter_map(|off| {
+        let effect = off.effect?;
+        Some(format!(
+            "nearest in the library: {effect} with {} = {}, {:.0} deviations from what is met",
+            off.name,
+            short(off.fitted),
+            off.sigmas.abs()
+        ))
+    });
+    let left = format!("with the best numbers and effects it is still off by {} m", short(ahead.best_m));
+    effects.chain([left]).collect()
 }
 
 /// What was measured on board and is not used, because the rig does not say how good it is.
@@ -208,10 +307,15 @@ fn next_in_words(next: &NextFlight, file: &Path, temperature: f64) -> String {
     out
 }
 
-fn write_rig(path: &Path, rig: &Rig, diagnosis: &Diagnosis) -> anyhow::Result<()> {
-    let Some(changed) = diagnosis.rig_with_effect(rig) else {
-        let verdict = &diagnosis.candidates[0].name;
-        bail!("the verdict is {verdict}: there is no effect to write into {}", path.display());
+fn write_rig(path: &Path, rig: &Rig, report: &Report) -> anyhow::Result<()> {
+    if report.verdict == Conclusion::Inconclusive {
+        bail!(
+            "the verdict is inconclusive: no effect is sure enough to write into {}; --min-confidence 0 writes what leads",
+            path.display()
+        );
+    }
+    let Some(changed) = report.diagnosis.rig_with_effect(rig) else {
+        bail!("the verdict is {}: there is no effect to write into {}", report.leading, path.display());
     };
     files::write_and_say(path, &changed.to_toml())
 }

@@ -196,11 +196,12 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
     let rig = nominal.rig;
     let (tracks, refused) = selection.tracks(&recorded, &rig);
     let found = identify_flights(&tracks, &rig);
-    let mut found = found.with_context(|| match refused.as_slice() {
+    let unused = [recorded.remarks.as_slice(), refused.as_slice()].concat();
+    let mut found = found.with_context(|| match unused.as_slice() {
         [] => "nothing identified, nothing written".to_owned(),
-        refused => format!("nothing identified, nothing written; not used:\n{}", refused.join("\n")),
+        unused => format!("nothing identified, nothing written; not used:\n{}", unused.join("\n")),
     })?;
-    found.warnings = [recorded.remarks, nominal.remarks, refused].concat();
+    found.warnings = [unused, nominal.remarks].concat();
     files::write_rig(&arguments.output, &head(&found, arguments, &nominal.from), &found.rig)?;
     if arguments.json.json {
         words::print_json(&found)?;

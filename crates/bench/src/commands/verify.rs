@@ -2,7 +2,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use anyhow::{Context, bail};
 use bench_diagnosis::Track;
-use bench_identification::{OpenLoop, Tolerance, Verification, verify};
+use bench_identification::{OpenLoop, Tolerance, Verification, VerifyVerdict, verify};
 use bench_recording::Flight;
 use bench_rig::{Phase, Rig};
 use clap::Args;
@@ -19,15 +19,16 @@ use crate::{
 /// Hold a rig's model against open-loop flights: does it predict them within a tolerance?
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench sim --mission hop -o hop.mcap && bench verify --rig rigs/virtual.toml hop.mcap
+  bench sim --mission hop -o hop.mcap && bench verify hop.mcap --band 2
   bench verify --rig my-quad.toml hop-*.mcap --tolerance 0.03 --html verify.html
   bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo the model is not good enough
 
 Nothing is fitted. A flight is predicted twice: one second ahead from what was seen before,
 which --tolerance is about, and from its throttle alone, from take-off until a closed loop takes
-over, which --trajectory and --inside are about. Exit code 0 says that the model passed, 1 that
-it did not, 2 that the flights or the rig could not be used. docs/model-development.md has the
-equations; `bench identify flight` finds numbers that predict better, `bench diagnose` what the
+over, which --trajectory and --inside are about. A flight within a band that nearly any flight
+would be within shows nothing: that is told as `not informative`, with what would narrow it.
+Exit code 0 says that the model passed, 1 that it did not or that nothing can be told, 2 that the
+flights or the rig could not be used. docs/model-development.md has the equations; `bench identify flight` finds numbers that predict better, `bench diagnose` what the
 model lacks.")]
 pub struct Arguments {
     /// Recordings of open-loop flights
@@ -47,6 +48,10 @@ pub struct Arguments {
     /// Greatest mean of squared errors over expected ones in any flight, from sighting to sighting; 1 for a right model
     #[arg(long, value_name = "RATIO", default_value_t = Tolerance::default().consistency)]
     consistency: f64,
+    /// Greatest mean width of the band that holds 95 % of predictions, m: a wider one tells nothing [default: what each flight
+    /// spans in altitude]
+    #[arg(long, value_name = "METRES")]
+    band: Option<f64>,
     #[command(flatten)]
     json: Json,
     #[command(flatten)]
@@ -74,6 +79,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         trajectory_m: arguments.trajectory.map(|x| above_zero("--trajectory", x)).transpose()?,
         inside: arguments.inside,
         consistency: arguments.consistency,
+        band_m: arguments.band.map(|x| above_zero("--band", x)).transpose()?,
     };
     Outputs::new(arguments.force.force)
         .and(arguments.page.html.as_deref(), Form::Html)
@@ -135,18 +141,41 @@ fn in_words(found: &Verification) -> String {
             100.0 * high,
         );
     }
-    out.push('\n');
+    let _ = writeln!(
+        out,
+        "\n{}",
+        match found.verdict {
+            VerifyVerdict::Passed => "The model predicts these flights",
+            VerifyVerdict::Failed => "The model misses these flights",
+            VerifyVerdict::NotInformative =>
+                "Not informative: within the rig's tolerances nearly any flight would have passed",
+        }
+    );
     for check in &found.checks {
         let _ = writeln!(
             out,
             "{} {}: {} ({} {}){}",
-            if check.passed { "passed" } else { "FAILED" },
+            match (check.passed, found.verdict) {
+                (true, _) => "passed",
+                (false, VerifyVerdict::NotInformative) => "TOO WIDE",
+                (false, _) => "FAILED",
+            },
             check.name,
             short(check.value),
             if check.at_least { "at least" } else { "at most" },
             short(check.limit),
             check.flight.as_ref().map_or_else(String::new, |flight| format!(", {flight}"))
         );
+    }
+    let shares: Vec<String> = found
+        .widened_by
+        .iter()
+        .filter(|share| share.share >= 0.01)
+        .map(|share| format!("{} {:.0} %", share.name, 100.0 * share.share))
+        .collect();
+    let _ = writeln!(out, "the band's variance comes from: {}", shares.join(", "));
+    for how in &found.narrowed_by {
+        let _ = writeln!(out, "what would narrow it: {how}");
     }
     for warning in &found.warnings {
         let _ = writeln!(out, "warning: {warning}");

@@ -11,7 +11,10 @@ use bench_diagnosis::{Diagnosis, Verdict};
 use bench_page::{document, escaped};
 use bench_rig::Rig;
 
-use super::told;
+use super::{
+    report::{Conclusion, Report},
+    told,
+};
 use crate::words;
 
 const STYLE: &str = include_str!("page.css");
@@ -25,10 +28,11 @@ pub struct Made<'a> {
 }
 
 /// The page.
-pub fn page(diagnosis: &Diagnosis, made: &Made<'_>) -> String {
+pub fn page(report: &Report, made: &Made<'_>) -> String {
     let mut out = String::new();
-    head(&mut out, diagnosis, made);
-    tiles(&mut out, diagnosis);
+    let diagnosis = &report.diagnosis;
+    head(&mut out, report, made);
+    tiles(&mut out, report);
     list(&mut out, "What to do next", "card", &diagnosis.next);
     list(&mut out, "Warnings", "card warn", &diagnosis.warnings);
     how_far::section(&mut out, diagnosis);
@@ -36,23 +40,24 @@ pub fn page(diagnosis: &Diagnosis, made: &Made<'_>) -> String {
     which::section(&mut out, diagnosis, made.rig.airframe.actuation);
     flights::section(&mut out, diagnosis);
     again(&mut out, diagnosis, made);
-    document(&format!("Diagnosis: {}", told::sentence(diagnosis)), STYLE, &out)
+    document(&format!("Diagnosis: {}", report.sentence()), STYLE, &out)
 }
 
-fn head(out: &mut String, diagnosis: &Diagnosis, made: &Made<'_>) {
-    let class = match diagnosis.verdict {
-        Verdict::Effect => "effect",
-        Verdict::None => "none",
-        Verdict::Unknown => "unknown",
+fn head(out: &mut String, report: &Report, made: &Made<'_>) {
+    let diagnosis = &report.diagnosis;
+    let class = match report.verdict {
+        Conclusion::Effect => "effect",
+        Conclusion::None => "none",
+        Conclusion::Unknown => "unknown",
+        Conclusion::Inconclusive => "inconclusive",
     };
     // Writing to a String cannot fail, here and below.
     let _ = write!(
         out,
-        "<section class=\"card verdict {class}\"><h1>{}: {} sure</h1>",
-        escaped(&told::sentence(diagnosis)),
-        told::percent(diagnosis.confidence).replace(' ', "&nbsp;")
+        "<section class=\"card verdict {class}\"><h1>{}</h1>",
+        escaped(&report.headline()).replace(" %", "&nbsp;%")
     );
-    for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {
+    for effect in report.effects.iter().filter_map(|name| told::spec(name)) {
         let _ = write!(
             out,
             "<p class=\"lead\"><b>{}</b> ({}): {}</p>",
@@ -75,7 +80,7 @@ fn head(out: &mut String, diagnosis: &Diagnosis, made: &Made<'_>) {
     let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
     let _ = write!(
         out,
-        "<p class=\"soft\">Rig {}, airframe {}; {} with {}; calibration of probabilities: {}{}.</p></section>",
+        "<p class=\"soft\">Rig {}, airframe {}; {} with {}; calibration of probabilities: {}{} ({}; the same elsewhere by {}).</p></section>",
         escaped(&made.rig.name),
         escaped(&made.rig.airframe.name),
         words::count(diagnosis.flights.len() as u64, "flight"),
@@ -84,14 +89,21 @@ fn head(out: &mut String, diagnosis: &Diagnosis, made: &Made<'_>) {
         match diagnosis.calibration.cases {
             0 => String::new(),
             cases => format!(", {}", words::count(cases as u64, "case")),
-        }
+        },
+        escaped(&report.calibration_choice.why),
+        escaped(&report.calibration_choice.again)
     );
 }
 
-fn tiles(out: &mut String, diagnosis: &Diagnosis) {
+fn tiles(out: &mut String, report: &Report) {
+    let diagnosis = &report.diagnosis;
     let gap = &diagnosis.gap;
-    let mut tiles =
-        vec![("sure of the verdict".to_owned(), told::percent(diagnosis.confidence), String::new())];
+    let sure = if report.verdict == Conclusion::Inconclusive {
+        format!("for {}, which leads", report.leading)
+    } else {
+        "sure of the verdict".to_owned()
+    };
+    let mut tiles = vec![(escaped(&sure), told::percent(diagnosis.confidence), String::new())];
     if let Some(closure) = gap.closure.filter(|_| diagnosis.verdict == Verdict::Effect) {
         tiles.push((
             "of the gap closed".to_owned(),

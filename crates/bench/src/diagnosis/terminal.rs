@@ -6,7 +6,10 @@ use bench_diagnosis::{Candidate, Diagnosis, Figure, ParameterValue, RegionTold, 
 use bench_page::digits;
 use bench_rig::Actuation;
 
-use super::told;
+use super::{
+    report::{Conclusion, Report},
+    told,
+};
 use crate::words;
 
 /// Most lines of a kind, so that all stays on one screen.
@@ -17,9 +20,10 @@ const MOST_NUMBERS: usize = 2;
 const LEAST_PROBABLE: f64 = 0.01;
 
 /// The diagnosis as lines.
-pub fn in_words(diagnosis: &Diagnosis, sticks: Actuation) -> String {
+pub fn in_words(report: &Report, sticks: Actuation) -> String {
     let mut out = String::new();
-    what(&mut out, diagnosis);
+    let diagnosis = &report.diagnosis;
+    what(&mut out, report);
     place(&mut out, diagnosis, sticks);
     how_far(&mut out, diagnosis);
     if !diagnosis.next.is_empty() {
@@ -37,17 +41,26 @@ pub fn in_words(diagnosis: &Diagnosis, sticks: Actuation) -> String {
     out
 }
 
-fn what(out: &mut String, diagnosis: &Diagnosis) {
+fn what(out: &mut String, report: &Report) {
+    let diagnosis = &report.diagnosis;
     let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
     let _ = writeln!(
         out,
-        "{}: {} sure\n{}, {}; calibration of probabilities: {}",
-        told::sentence(diagnosis),
-        told::percent(diagnosis.confidence),
+        "{}\n{}, {}; calibration of probabilities: {} ({})",
+        report.headline(),
         words::count(diagnosis.flights.len() as u64, "flight"),
         words::count(sightings as u64, "sighting"),
-        diagnosis.calibration.source
+        diagnosis.calibration.source,
+        report.calibration_choice.why
     );
+    if report.verdict == Conclusion::Inconclusive {
+        let _ = writeln!(
+            out,
+            "what leads, not sure enough to be told: {} ({})",
+            report.leading,
+            told::percent(report.confidence)
+        );
+    }
     for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {
         let _ = writeln!(out, "  {}: {}", effect.name, effect.summary);
         let fitted = diagnosis.candidates.first().into_iter().flat_map(|candidate| &candidate.parameters);

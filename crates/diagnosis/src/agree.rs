@@ -1,0 +1,187 @@
+//! Whether flights are of one condition: what each by itself says of the leading hypothesis' parameters and of the rig's numbers.
+//!
+//! Near the fit to all, a flight's log-likelihood is a parabola with gradient `g` and information `F`: by itself it would have a
+//! coordinate at `x + g/F`, with the variance `T/F`, `T` being the temperature that evidence is divided by. Cochran's `Q` (The
+//! combination of estimates from different experiments, Biometrics 10, 1954) holds the spread of these against that variance and
+//! what may differ in one condition.
+
+use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use crate::{
+    diagnose::FORM_SIGMA,
+    fit::{Fit, Free, Problem},
+    law::{BIAS, Coordinate, Point},
+};
+
+/// Share of sets of flights of one condition that would be told apart, were the parabolas exact.
+const LEVEL: f64 = 1e-3;
+
+/// Flights that are not of one condition.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Disagreement {
+    /// The effect whose parameter it is; absent for a number of the rig.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub effect: Option<&'static str>,
+    /// The parameter, or the rig's number, of which flights say different things most plainly.
+    pub name: &'static str,
+    /// Probability that flights of one condition would differ as much in any of what was tried, 0 to 1.
+    pub p: f64,
+    /// Below this it counts.
+    pub level: f64,
+    /// Among how many parameters and numbers it was chosen.
+    pub tried: usize,
+    /// The two groups that differ most, that of the first flight first.
+    pub groups: [Agreeing; 2],
+}
+
+/// Flights that say the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Agreeing {
+    /// Which, counted from one in the order in which they were used.
+    pub numbers: Vec<usize>,
+    /// Their names.
+    pub flights: Vec<String>,
+    /// What they say, in the unit of the parameter or the number; from one Newton step each, so a rough figure.
+    pub value: f64,
+    /// One sigma.
+    pub sigma: f64,
+}
+
+/// What one flight says of a coordinate, in its own scale.
+#[derive(Clone, Copy, Debug)]
+struct Says {
+    flight: usize,
+    /// How far it would move the coordinate.
+    by: f64,
+    variance: f64,
+}
+
+/// What of a fit flights disagree about most plainly, if they do.
+pub fn disagreement(problem: &Problem<'_>, fit: &Fit, temperature: f64) -> Option<Disagreement> {
+    let tried: Vec<(usize, Vec<Says>)> = fit
+        .free
+        .iter()
+        .enumerate()
+        .filter_map(|(i, f)| {
+            let ordinary = ordinary_spread(fit, f)?;
+            let says = says(fit, i, f, temperature, ordinary);
+            (says.len() > 1).then_some((i, says))
+        })
+        .collect();
+    let (at, says, p) =
+        tried.iter().map(|(i, says)| (*i, says, chance(says))).min_by(|a, b| a.2.total_cmp(&b.2))?;
+    // Bonferroni: the least of several.
+    let p = (p * tried.len() as f64).min(1.0);
+    if p >= LEVEL {
+        return None;
+    }
+    let f = &fit.free[at];
+    let groups = two_groups(says).map(|group| agreeing(problem, fit, f, &group));
+    let (effect, name) = match f.at {
+        Coordinate::Nuisance(i) => (None, Point::names(problem.rig)[i]),
+        Coordinate::Effect { slot, parameter } => {
+            let spec = &bench_plant::effects::LIBRARY[fit.point.effects[slot].0];
+            (Some(spec.name), spec.parameters[parameter].key)
+        }
+    };
+    Some(Disagreement { effect, name, p, level: LEVEL, tried: tried.len(), groups })
+}
+
+/// One sigma by which a coordinate may differ between flights of one condition, in its own scale: a number of the rig within its
+/// tolerance, a parameter by what another form of its law makes of it under other missions. `None` for what is not asked: the
+/// tracker's origin and forms of laws.
+fn ordinary_spread(fit: &Fit, f: &Free) -> Option<f64> {
+    match f.at {
+        Coordinate::Nuisance(BIAS) => None,
+        Coordinate::Nuisance(_) => Some(f.sigma),
+        Coordinate::Effect { slot, parameter } => {
+            let shapes = fit.point.parameter(slot, parameter).default.is_some();
+            let value = if f.logarithmic { 1.0 } else { fit.point.get(f.at).abs() };
+            (!shapes).then_some(FORM_SIGMA * value)
+        }
+    }
+}
+
+fn says(fit: &Fit, i: usize, f: &Free, temperature: f64, ordinary: f64) -> Vec<Says> {
+    let slope = f.slope(fit.point.get(f.at));
+    let of_track = |(flight, pass): (usize, &crate::pass::TrackPass)| {
+        let (gradient, information) =
+            (pass.gradient.get(i)? * slope, pass.information.get((i, i))? * slope * slope);
+        let variance = temperature / information + ordinary * ordinary;
+        let by = gradient / information;
+        (information > 0.0 && by.is_finite() && variance.is_finite()).then_some(Says { flight, by, variance })
+    };
+    fit.pass.tracks.iter().enumerate().filter_map(of_track).collect()
+}
+
+fn mean(says: &[Says]) -> (f64, f64) {
+    let precision: f64 = says.iter().map(|s| s.variance.recip()).sum();
+    (says.iter().map(|s| s.by / s.variance).sum::<f64>() / precision, precision.recip())
+}
+
+/// Squares about the mean over variances.
+fn spread(says: &[Says]) -> f64 {
+    let (mean, _) = mean(says);
+    says.iter().map(|s| (s.by - mean).powi(2) / s.variance).sum()
+}
+
+/// Probability that flights of one condition would differ as much.
+fn chance(says: &[Says]) -> f64 {
+    ChiSquared::new((says.len() - 1) as f64).map_or(1.0, |chi_squared| chi_squared.sf(spread(says)))
+}
+
+/// The two groups that leave the least spread within (Fisher, On grouping for maximum homogeneity, Journal of the American
+/// Statistical Association 53, 1958), each in the order of the flights.
+fn two_groups(says: &[Says]) -> [Vec<Says>; 2] {
+    let mut sorted = says.to_vec();
+    sorted.sort_by(|a, b| a.by.total_cmp(&b.by));
+    let within = |cut: usize| spread(&sorted[..cut]) + spread(&sorted[cut..]);
+    let cut = (1..sorted.len()).min_by(|a, b| within(*a).total_cmp(&within(*b))).unwrap_or(1);
+    let high = sorted.split_off(cut);
+    let mut groups = [sorted, high];
+    for group in &mut groups {
+        group.sort_by_key(|s| s.flight);
+    }
+    groups.sort_by_key(|group| group[0].flight);
+    groups
+}
+
+fn agreeing(problem: &Problem<'_>, fit: &Fit, f: &Free, group: &[Says]) -> Agreeing {
+    let (by, variance) = mean(group);
+    let value = fit.point.get(f.at);
+    let slope = f.slope(value);
+    Agreeing {
+        numbers: group.iter().map(|s| s.flight + 1).collect(),
+        flights: group.iter().map(|s| problem.tracks[s.flight].name.clone()).collect(),
+        // Along the value, where an effect that is absent lies at a finite distance.
+        value: f.within(value + slope * by),
+        sigma: slope.abs() * variance.sqrt(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flights(by: &[f64], sigma: f64) -> Vec<Says> {
+        by.iter().enumerate().map(|(flight, by)| Says { flight, by: *by, variance: sigma * sigma }).collect()
+    }
+
+    #[test]
+    fn a_spread_as_wide_as_its_sigma_is_no_news_and_one_of_five_sigma_is() {
+        let by = [-1.0, 0.4, 1.1, -0.6, 0.1];
+        assert!(chance(&flights(&by, 0.8)) > 0.3);
+        assert!(chance(&flights(&by, 0.2)) < LEVEL);
+        // The chi-squared of one degree of freedom at 3.84.
+        let two = flights(&[-1.0, 1.0], 2.0 / (2.0 * 3.841_459_f64).sqrt());
+        assert!((chance(&two) - 0.05).abs() < 1e-6, "{}", chance(&two));
+    }
+
+    #[test]
+    fn the_groups_are_those_that_differ_and_keep_the_order_of_the_flights() {
+        let says = flights(&[1.0, -1.1, 0.9, -0.9, 1.05], 0.1);
+        let groups = two_groups(&says).map(|group| group.iter().map(|s| s.flight).collect::<Vec<_>>());
+        assert_eq!(groups, [vec![0, 2, 4], vec![1, 3]]);
+    }
+}
