@@ -20,6 +20,7 @@ use crate::{
     },
     exit::Exit,
     files::{self, Form, Outputs},
+    progress::Progress,
     recorded::NominalRig,
     words,
 };
@@ -103,9 +104,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         None => calibration::cached(&rig, &flown).unwrap_or_else(Calibration::built_in),
     };
     let problem = Problem::new(&tracks, &rig);
+    let progress = Progress::of("diagnose");
+    let flights = words::count(tracks.len() as u64, "flight");
+    progress.begin_untold(&format!("weighing what explains {flights}"));
     let mut diagnosis = Diagnosis::of(&problem, &calibration);
     let mut refused = false;
     if arguments.next_flight.is_some() {
+        progress.begin_untold("trying missions for the next flight");
         match NextFlight::propose(&problem, &diagnosis.candidates, between, &flown.distinct(), fly) {
             Ok(next) => diagnosis.next_flight = Some(next),
             Err(reason) => {
@@ -114,6 +119,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             }
         }
     }
+    drop(progress);
     diagnosis.warnings = warnings;
     if arguments.json.json {
         words::print_json(&diagnosis)?;
