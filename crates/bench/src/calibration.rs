@@ -12,7 +12,6 @@ use bench_diagnosis::{Calibration, Outcome, Problem, Track, Verdict, alarm_margi
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Location, Mission, Model, Rig, Uncertain};
 use bench_run::simulate;
-use indicatif::{ProgressBar, ProgressStyle};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -20,7 +19,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::files;
+use crate::{files, progress::Progress};
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
 const GENERATION: u32 = 10;
@@ -274,11 +273,8 @@ fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibrat
         bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see a tail of false alarms");
     }
     let flown = missions.or_usual()?;
-    let bar = ProgressBar::new(((1 + WITH_CAUSES) * sets) as u64).with_style(
-        ProgressStyle::with_template("calibrating {bar:40} {pos}/{len} sets ({msg}), {eta} left")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    );
-    bar.set_message("nominal");
+    let progress = Progress::of("calibrate");
+    progress.begin("nominal flights", ((1 + WITH_CAUSES) * sets) as f64, "sets");
     let built_in = Calibration::built_in();
     let margins = (0..sets as u64)
         .into_par_iter()
@@ -288,12 +284,12 @@ fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibrat
                 bail!("none of the missions' simulated flights can be diagnosed on this rig");
             }
             let margin = alarm_margin(&Problem::new(&tracks, rig), &built_in);
-            bar.inc(1);
+            progress.step();
             Ok(margin)
         })
         .collect::<anyhow::Result<Vec<f64>>>()?;
     let learnt = built_in.with_margins(margins, format!("calibrated for rig {}", rig.name));
-    bar.set_message("with causes");
+    progress.doing("flights with causes");
     let untold = learnt.untold();
     let outcomes = causes::planned(rig, WITH_CAUSES * sets)
         .into_par_iter()
@@ -312,11 +308,11 @@ fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibrat
                     && causes.iter().all(named);
                 Outcome { told, right }
             });
-            bar.inc(1);
+            progress.step();
             Ok(outcome)
         })
         .collect::<anyhow::Result<Vec<Option<Outcome>>>>()?;
-    bar.finish_and_clear();
+    drop(progress);
     let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
     if outcomes.is_empty() {
         bail!(

@@ -7,10 +7,13 @@ use std::{
 };
 
 use anyhow::{Context, anyhow, bail};
-use bench_recording::import::ImportMap;
+use bench_recording::{FileKind, import::ImportMap};
 use bench_rig::{EffectEntry, Mission, Rig};
 
-use crate::library::{self, Kind};
+use crate::{
+    library::{self, Kind},
+    progress,
+};
 
 /// The rig when none is named.
 pub const DEFAULT_RIG: &str = "virtual";
@@ -59,12 +62,45 @@ pub fn rig_path(named: &Path) -> anyhow::Result<PathBuf> {
 /// Reads a rig: a file, or one of the library by its name.
 pub fn rig(named: &Path) -> anyhow::Result<Rig> {
     let path = rig_path(named)?;
+    is_of(Kind::Rig, &path)?;
     Ok(Rig::read_with(&path, &read(&path)?, &library::read)?)
+}
+
+/// A file of the disk that is plainly of another kind is told as such, before its keys are found wrong one by one.
+fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
+    if library::is_embedded(path) {
+        return Ok(());
+    }
+    let kind = FileKind::of(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let advice = match &kind {
+        FileKind::Rig => "name it with --rig",
+        FileKind::Airframe => "a rig names it with its key `airframe`",
+        FileKind::Mission => "name it with --mission",
+        FileKind::ImportMap => "`bench import --map` reads it",
+        FileKind::Mcap => "it is flown data: name it where recordings are wanted",
+        // These may be a file of the wanted kind with faults in it, which are told by line and key.
+        FileKind::Toml | FileKind::Text | FileKind::Csv | FileKind::Json => return Ok(()),
+        FileKind::Empty | FileKind::Folder { .. } => "name a TOML file",
+        _ => "name a TOML file; `bench rigs copy` writes one to start from",
+    };
+    let is_wanted = match wanted {
+        Kind::Rig => kind == FileKind::Rig,
+        Kind::Airframe => kind == FileKind::Airframe,
+        Kind::Mission => kind == FileKind::Mission,
+        Kind::ImportMap => kind == FileKind::ImportMap,
+        Kind::BalanceTable => true,
+    };
+    if is_wanted {
+        return Ok(());
+    }
+    let article = if wanted == Kind::ImportMap { "an" } else { "a" };
+    bail!("{} is {}, and {article} {} is wanted here; {advice}", path.display(), kind.name(), wanted.name())
 }
 
 /// Reads an import map: a file, or one of the library by its name.
 pub fn import_map(named: &Path) -> anyhow::Result<ImportMap> {
     let path = find(Kind::ImportMap, named)?;
+    is_of(Kind::ImportMap, &path)?;
     Ok(ImportMap::read(&path, &read(&path)?)?)
 }
 
@@ -86,6 +122,7 @@ fn mission_path(named: &str, rig: &Path) -> anyhow::Result<PathBuf> {
 }
 
 fn read_mission(path: &Path) -> anyhow::Result<Mission> {
+    is_of(Kind::Mission, path)?;
     Ok(Mission::read(path, &read(path)?)?)
 }
 
@@ -285,7 +322,7 @@ pub fn write(output: &Path, text: &str) -> anyhow::Result<()> {
 /// Writes a text and says so.
 pub fn write_and_say(output: &Path, text: &str) -> anyhow::Result<()> {
     write(output, text)?;
-    eprintln!("wrote {}", output.display());
+    progress::note(&format!("wrote {}", output.display()));
     Ok(())
 }
 

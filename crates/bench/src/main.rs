@@ -14,6 +14,7 @@ mod files;
 mod flight;
 mod library;
 mod model_page;
+mod progress;
 mod recorded;
 mod schema;
 mod seen;
@@ -29,8 +30,8 @@ use crate::exit::Exit;
     version,
     after_help = "Examples:
   bench sim                                    fly to 0.4 m and record it
-  bench sim --mission hop --effect rotor-lag:time_constant_s=0.08 -o lag.mcap
-  bench diff recordings/climb-040-0.mcap lag.mcap
+  bench sim --effect rotor-lag:time_constant_s=0.08 -o lag.mcap
+  bench diff recordings/virtual_climb-040_seed0.mcap lag.mcap
   bench hil --port /dev/ttyACM0                the same flight through a real PSoC5, in real time
 
 Exit codes: 0 done (and passed), 1 a check failed, 2 wrong usage or bad input, 3 done with data
@@ -39,6 +40,9 @@ loss, 4 device fault or safety stop."
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Tell neither progress nor what was written; warnings and errors are told
+    #[arg(long, global = true)]
+    quiet: bool,
 }
 
 #[derive(Subcommand)]
@@ -80,8 +84,12 @@ fn command() -> clap::Command {
 }
 
 fn main() -> std::process::ExitCode {
-    let cli = Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
-    let outcome = match cli.command {
+    let Cli { command, quiet } =
+        Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit());
+    if quiet {
+        progress::be_quiet();
+    }
+    let outcome = match command {
         Command::Sim(arguments) => commands::sim::run(&arguments),
         Command::Hil(arguments) => commands::hil::run(&arguments),
         Command::Devices(arguments) => commands::devices::run(&arguments),

@@ -12,7 +12,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{RecordingError, zstd_decoder::ZstdDecoder};
+use crate::{FileKind, RecordingError, zstd_decoder::ZstdDecoder};
 
 /// Longest record or chunk, compressed or not, that is read: far above anything that the bench writes, and the most
 /// that a damaged length can make a reader allocate.
@@ -143,6 +143,13 @@ impl Container {
     /// Opens a file that begins as MCAP does.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let io = |action| move |source| RecordingError::Io { action, path: path.to_owned(), source };
+        let no_recording = || -> Result<RecordingError, RecordingError> {
+            let kind = FileKind::of(path).map_err(io("read"))?;
+            Ok(RecordingError::NotMcap { path: path.to_owned(), kind })
+        };
+        if path.is_dir() {
+            return Err(no_recording()?);
+        }
         let file = File::open(path).map_err(io("open"))?;
         let bytes = file.metadata().map_err(io("read"))?.len();
         if bytes == 0 {
@@ -153,7 +160,7 @@ impl Container {
         match file.read_exact(&mut magic) {
             Err(error) if error.kind() != io::ErrorKind::UnexpectedEof => Err(io("read")(error)),
             Ok(()) if magic == *MAGIC => Ok(Self { path: path.to_owned(), file, bytes }),
-            _ => Err(RecordingError::NotMcap { path: path.to_owned() }),
+            _ => Err(no_recording()?),
         }
     }
 

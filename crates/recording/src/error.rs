@@ -3,6 +3,8 @@ use std::{io, path::PathBuf};
 use bench_device::Time;
 use thiserror::Error;
 
+use crate::FileKind;
+
 /// What can go wrong with a recording.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -34,10 +36,12 @@ pub enum RecordingError {
         path: PathBuf,
     },
     /// The file is of another kind.
-    #[error("{} is not an MCAP file; `bench import` reads other formats", path.display())]
+    #[error("{} is {}, not a recording: {}", path.display(), kind.name(), kind.instead_of_recording(path))]
     NotMcap {
         /// Which file.
         path: PathBuf,
+        /// What it is.
+        kind: FileKind,
     },
     /// The file has no proper end.
     #[error("{} was not closed; run `bench recover` on it to get back what it holds", path.display())]
@@ -55,13 +59,16 @@ pub enum RecordingError {
     },
     /// An MCAP file from elsewhere.
     #[error(
-        "{} is an MCAP file but no recording of this bench; it has the channels {}; try `bench import`",
-        path.display(), list(channels)
+        "{} is an MCAP file of {}, no recording of this bench; it has the channels {}; {}",
+        path.display(), origin.unwrap_or("another program"), list(channels),
+        "write those with position and throttle as one CSV file, for instance with PlotJuggler, then `bench import --map MAP` makes a recording of that"
     )]
     NotBench {
         /// Which file.
         path: PathBuf,
-        /// The topics that it has.
+        /// What wrote it, as its schemas tell.
+        origin: Option<&'static str>,
+        /// The topics that it has, each with its schema.
         channels: Vec<String>,
     },
     /// Written by a later version of the bench.

@@ -260,9 +260,20 @@ impl Findings {
         if self.channels.is_empty() && !closed {
             return RecordingError::Unfinished { path };
         }
-        let mut channels: Vec<_> = self.channels.values().map(|(topic, _)| topic.clone()).collect();
+        let schema = |id: &u16| self.schemas.get(id).map_or("", String::as_str);
+        let with_schema = |(topic, id): &(String, u16)| match schema(id) {
+            "" => topic.clone(),
+            schema => format!("{topic} ({schema})"),
+        };
+        let mut channels: Vec<_> = self.channels.values().map(with_schema).collect();
         channels.sort();
-        RecordingError::NotBench { path, channels }
+        let has = |part: &str| self.schemas.values().any(|schema| schema.contains(part));
+        let origin = match () {
+            () if has("/msg/") => Some("ROS 2"),
+            () if has("foxglove.") => Some("Foxglove"),
+            () => None,
+        };
+        RecordingError::NotBench { path, origin, channels }
     }
 
     fn channels_with_messages(&self) -> Vec<ChannelInfo> {

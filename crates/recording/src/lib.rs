@@ -19,6 +19,7 @@ mod fields;
 mod flight;
 pub mod import;
 mod info;
+mod kind;
 mod layout;
 mod partial;
 mod proto;
@@ -37,6 +38,7 @@ pub use export::{ExportOptions, Exported, export};
 pub use field::{Field, Kind, Value};
 pub use flight::{Flight, PhaseInterval};
 pub use info::{AttachmentInfo, ChannelInfo, Info};
+pub use kind::FileKind;
 pub use record::{
     Battery, Command, ControlState, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor, Tick, Truth,
 };

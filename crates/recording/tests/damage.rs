@@ -285,7 +285,7 @@ fn files_that_are_no_recordings_are_told_apart() {
     assert!(matches!(open(&whole[..whole.len() / 2]), RecordingError::Unfinished { .. }));
     assert!(matches!(open(&whole[..whole.len() - 1]), RecordingError::Unfinished { .. }));
     let RecordingError::NotBench { channels, .. } = open(&foreign_mcap()) else { panic!("not told apart") };
-    assert_eq!(channels, ["/imu"]);
+    assert!(matches!(channels.as_slice(), [only] if only.starts_with("/imu")), "{channels:?}");
     let missing = Recording::open(folder.path().join("none.mcap")).unwrap_err();
     assert!(missing.to_string().contains("none.mcap"), "{missing}");
 }

@@ -20,6 +20,7 @@ mod margins;
 mod page;
 mod statistics;
 mod tune;
+mod verdict;
 mod write;
 
 pub use compare::{Achieved, Case, Comparison, Goals, compare};
@@ -30,5 +31,6 @@ pub use flight::{Task, Traced, fly_traced};
 pub use margins::{Margins, Response};
 pub use page::{Made, page};
 pub use statistics::{Share, percentile};
-pub use tune::{Effort, Grown, Limits, LoopKind, Progress, Trial, Tuned, Tuning, fly_models, tune};
+pub use tune::{Effort, Grown, Limits, LoopKind, Progress, Step, Trial, Tuned, Tuning, fly_models, tune};
+pub use verdict::{HOLDING, Judged, Standing};
 pub use write::with_gains;

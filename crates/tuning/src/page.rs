@@ -7,6 +7,7 @@ use bench_page::{Frame, digits, document, escaped, range, ticks, x_axis};
 use crate::{
     margins::{Margins, Response},
     tune::{Trial, Tuned, Tuning},
+    verdict::Standing,
 };
 
 const STYLE: &str = include_str!("page.css");
@@ -31,9 +32,10 @@ pub fn page(tuning: &Tuning, made: &Made<'_>) -> String {
     // Writing to a String cannot fail, here and below.
     let _ = write!(
         out,
-        "<section class=\"card\"><h1>Gains of {}</h1><p class=\"soft\">Tuned on {} models drawn from the rig's tolerances, \
-         holding {} m; checked on {} others.</p></section>",
+        "<section class=\"card\"><h1>Gains of {}</h1><p><strong>{}</strong></p><p class=\"soft\">Tuned on {} airframes drawn from the rig's tolerances, \
+         holding {} m; checked on {} fresh ones.</p></section>",
         escaped(made.rig),
+        escaped(&tuning.verdict()),
         tuning.effort.models,
         digits(tuning.altitude_m),
         tuning.effort.checked
@@ -61,7 +63,7 @@ fn tiles(out: &mut String, tuned: &Tuned) {
     let tiles = [
         (
             format!("{} %", percent(checked.value())),
-            format!("of {} fresh models hold {} cm RMS", checked.of, digits(100.0 * tuned.limits.rms_m)),
+            format!("of {} fresh airframes hold {} cm RMS", checked.of, digits(100.0 * tuned.limits.rms_m)),
             format!(
                 "95 %: {} to {} %; before: {} %",
                 percent(checked.low),
@@ -93,28 +95,6 @@ fn tiles(out: &mut String, tuned: &Tuned) {
     out.push_str("</div>");
 }
 
-/// Rows of a figure: name, value, limit as told.
-fn figures(trial: &Trial) -> [String; 10] {
-    let infinite = |x: f64, told: String| if x.is_finite() { told } else { "-".to_owned() };
-    let margin = |of: fn(&Margins) -> Option<f64>, unit: &str| match trial.margins.as_ref() {
-        None => "not stable".to_owned(),
-        Some(margins) => of(margins).map_or("none reached".to_owned(), |x| format!("{} {unit}", digits(x))),
-    };
-    let p95 = &trial.p95;
-    [
-        infinite(trial.median.rms_m, format!("{} cm", digits(100.0 * trial.median.rms_m))),
-        infinite(p95.rms_m, format!("{} cm", digits(100.0 * p95.rms_m))),
-        infinite(p95.overshoot, format!("{} %", digits(100.0 * p95.overshoot))),
-        infinite(p95.settling_s, format!("{} s", digits(p95.settling_s))),
-        infinite(p95.activity, format!("{} %", digits(100.0 * p95.activity))),
-        margin(|m| m.gain_db, "dB"),
-        margin(|m| m.gain_reduction_db, "dB"),
-        margin(|m| m.phase_deg, "\u{b0}"),
-        margin(|m| m.delay_s, "s"),
-        margin(|m| m.crossover_hz, "Hz"),
-    ]
-}
-
 fn gains(out: &mut String, tuned: &Tuned) {
     out.push_str("<section class=\"card scroll\"><table><tr><th></th><th class=\"number\">before</th><th class=\"number\">after</th><th class=\"number\">limit</th></tr>");
     let mut row = |name: &str, before: &str, after: &str, limit: &str| {
@@ -130,24 +110,30 @@ fn gains(out: &mut String, tuned: &Tuned) {
     for ((key, before), after) in tuned.keys.iter().zip(&tuned.before.gains).zip(&tuned.after.gains) {
         row(key, &digits(*before), &digits(*after), "");
     }
-    let l = &tuned.limits;
-    let rows = [
-        ("RMS in hold, median", String::new()),
-        ("RMS in hold, 95th percentile", format!("{} cm", digits(100.0 * l.rms_m))),
-        ("overshoot of a step, 95th percentile", format!("{} %", digits(100.0 * l.overshoot))),
-        ("settling of a step, 95th percentile", format!("{} s", digits(l.settling_s))),
-        ("activity in hold, 95th percentile", format!("{} %", digits(100.0 * l.activity))),
-        ("gain may rise by", format!("{} dB", digits(l.gain_db))),
-        ("gain may fall by", format!("{} dB", digits(l.gain_db))),
-        ("phase margin", format!("{} \u{b0}", digits(l.phase_deg))),
-        ("delay may grow by", format!("{} s", digits(l.delay_s))),
-        ("crossover", String::new()),
-    ];
-    let (before, after) = (figures(&tuned.before), figures(&tuned.after));
-    for (((name, limit), before), after) in rows.iter().zip(&before).zip(&after) {
-        row(name, before, after, limit);
+    let unstable = |margins: Option<&Margins>| if margins.is_none() { "not stable" } else { "none reached" };
+    for judged in &tuned.judged {
+        let [after, limit] = judged.apart();
+        // A figure of flights is lost where too many did not get through.
+        let none = |margins: Option<&Margins>| {
+            if judged.between.is_some() { "lost".to_owned() } else { unstable(margins).to_owned() }
+        };
+        let before = judged.before.map_or_else(|| none(tuned.before.margins.as_ref()), digits);
+        let after = judged.after.map_or_else(|| none(tuned.after.margins.as_ref()), |_| after);
+        let limit = match (judged.standing, judged.between) {
+            (Standing::Held, _) | (Standing::AtLimit, None) => limit,
+            (Standing::AtLimit, Some([low, high])) => {
+                format!("{limit} (at it: {} to {})", digits(low), digits(high))
+            }
+            (Standing::Broken, _) => format!("{limit} (broken)"),
+        };
+        row(judged.name, &before, &after, &limit);
     }
-    out.push_str("</table></section>");
+    let crossover = |margins: Option<&Margins>| {
+        margins.and_then(|margins| margins.crossover_hz).map_or_else(|| "-".to_owned(), digits)
+    };
+    let [before, after] = [&tuned.before, &tuned.after].map(|trial| crossover(trial.margins.as_ref()));
+    row("crossover, Hz", &before, &after, "");
+    out.push_str("</table><p class=\"soft\">Figures of flights are 95th percentiles of the fresh airframes, margins those of the nominal loop.</p></section>");
 }
 
 fn trade_off(out: &mut String, tuned: &Tuned) {

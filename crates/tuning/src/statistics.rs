@@ -1,7 +1,7 @@
 //! Shares with their intervals, and percentiles.
 
 use serde::Serialize;
-use statrs::distribution::{Beta, ContinuousCDF};
+use statrs::distribution::{Beta, Binomial, ContinuousCDF, DiscreteCDF};
 
 /// How many of how many, with the exact interval of 95 %.
 ///
@@ -52,6 +52,24 @@ pub fn percentile(values: impl IntoIterator<Item = f64>, share: f64) -> f64 {
     values.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
 }
 
+/// The same with its interval of 95 %: value, lower end, upper end. The ends are values themselves, by their rank, whatever the
+/// values' distribution; with too few of them the upper end is infinite.
+///
+/// Source: David and Nagaraja, Order Statistics, 3rd edition, section 7.1.
+pub(crate) fn percentile_between(values: impl IntoIterator<Item = f64>, share: f64) -> [f64; 3] {
+    const TAIL: f64 = 0.025;
+    let mut values: Vec<f64> =
+        values.into_iter().map(|x| if x.is_nan() { f64::INFINITY } else { x }).collect();
+    values.sort_by(f64::total_cmp);
+    let at = percentile(values.iter().copied(), share);
+    let Ok(below) = Binomial::new(share, values.len() as u64) else { return [at, f64::NAN, f64::NAN] };
+    // The values below the percentile are binomial in number.
+    let low = below.inverse_cdf(TAIL) as usize;
+    let high = below.inverse_cdf(1.0 - TAIL) as usize + 1;
+    let ranked = |rank: usize| values.get(rank.wrapping_sub(1)).copied();
+    [at, ranked(low).unwrap_or(f64::NEG_INFINITY), ranked(high).unwrap_or(f64::INFINITY)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,5 +90,14 @@ mod tests {
         assert_eq!(percentile((1..=200).map(f64::from), 0.95), 190.0);
         assert_eq!(percentile([f64::NAN, 1.0], 1.0), f64::INFINITY);
         assert!(percentile([], 0.5).is_nan());
+    }
+
+    #[test]
+    fn percentiles_have_the_intervals_of_order_statistics() {
+        // 200 values: the number below the 95th percentile is binomial, with 183 and 195 at its tails (scipy.stats.binom.ppf).
+        let [at, low, high] = percentile_between((1..=200).map(f64::from), 0.95);
+        assert_eq!((at, low, high), (190.0, 183.0, 197.0));
+        // Twenty tell no upper end: the highest is below it once in three times.
+        assert_eq!(percentile_between((1..=20).map(f64::from), 0.95)[2], f64::INFINITY);
     }
 }

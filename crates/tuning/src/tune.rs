@@ -9,7 +9,10 @@ use rand::{SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::cell::RefCell;
+use std::{
+    cell::RefCell,
+    sync::atomic::{AtomicUsize, Ordering},
+};
 
 use crate::{
     draw::{Models, add_latency},
@@ -19,6 +22,7 @@ use crate::{
     gains::{self, Gain},
     margins::{Margins, Response},
     statistics::{Share, percentile},
+    verdict::{Judged, judge},
 };
 
 /// What gains must hold to, at the 95th percentile of the models.
@@ -56,8 +60,8 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// A few minutes' worth.
-    pub const USUAL: Self = Self { models: 200, checked: 1000, scanned: 60, refined: 60, seed: 1 };
+    /// A minute or two of two cores.
+    pub const USUAL: Self = Self { models: 100, checked: 600, scanned: 60, refined: 40, seed: 1 };
 }
 
 /// Which loop.
@@ -131,7 +135,7 @@ pub struct Trial {
     pub flown: Share,
     /// Margins of the nominal loop; `None` where it is not stable.
     pub margins: Option<Margins>,
-    /// Whether all limits are held.
+    /// Whether all limits are held on the models tuned on.
     pub admissible: bool,
     /// What is minimised.
     #[serde(skip)]
@@ -170,6 +174,8 @@ pub struct Tuned {
     pub response_before: Option<Response>,
     /// The loop's response after.
     pub response_after: Option<Response>,
+    /// Every limit, and how the gains found stand to it on those.
+    pub judged: Vec<Judged>,
     /// With the gains found, as the latency grows.
     pub grown: Vec<Grown>,
     /// All that was tried on all of the models.
@@ -194,11 +200,31 @@ pub struct Tuning {
     pub control: Control,
 }
 
-/// Where a tuning is: the loop, what is done, how much of it, of how much.
-pub type Progress<'a> = &'a (dyn Fn(LoopKind, &str, usize, usize) + Sync);
+/// Where a tuning is.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// Which loop.
+    pub of: LoopKind,
+    /// What is done.
+    pub what: &'static str,
+    /// Of what there are so many.
+    pub unit: &'static str,
+    /// How much of it.
+    pub done: usize,
+    /// Of how much.
+    pub all: usize,
+    /// How much of the whole tuning, by the number of flights, from 0 to 1.
+    pub share: f64,
+}
+
+/// Hears where a tuning is.
+pub type Progress<'a> = &'a (dyn Fn(Step) + Sync);
 
 /// Percentile that limits go by.
-const SHARE: f64 = 0.95;
+pub(crate) const SHARE: f64 = 0.95;
+/// The search stays so far inside of every limit. The best gains lie at a limit, the 95th percentile of other airframes a
+/// little to either side of that of the airframes tuned on.
+const INSIDE: f64 = 0.03;
 /// A limit broken by a tenth costs as much as the RMS at its limit.
 const BROKEN: f64 = 10.0;
 /// Figures within their limits count so much against the RMS.
@@ -214,6 +240,12 @@ const SIMPLEX: f64 = 0.1;
 const RESTARTS: usize = 3;
 /// Best gains of the scan that are flown on all models.
 const FINALISTS: usize = 5;
+/// A simplex whose costs differ by less than this has found its place.
+const SETTLED: f64 = 2e-3;
+/// A refinement that lowers the cost by a smaller share was the last.
+const WORTH: f64 = 5e-3;
+/// Sets of gains that a step of the simplex tries.
+const PER_STEP: f64 = 1.6;
 /// Latencies beyond the rig's that are looked at, s.
 const GROWTH_S: [f64; 9] = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5];
 /// Fresh models begin so far from the seed.
@@ -233,8 +265,9 @@ pub fn tune(
     }
     let mut rig = rig.clone();
     let mut tuned = Vec::new();
-    for of in loops {
-        let search = Search::new(&rig, *of, task, limits(*of), effort, progress)?;
+    for (index, of) in loops.iter().enumerate() {
+        let part = [index, loops.len()];
+        let search = Search::new(&rig, *of, task, limits(*of), effort, progress, part)?;
         let found = search.run()?;
         for (gain, value) in search.gains.iter().zip(&found.after.gains) {
             gain.set(&mut rig.control, *value);
@@ -290,6 +323,34 @@ struct Search<'a> {
     effort: Effort,
     gains: Vec<Gain>,
     progress: Progress<'a>,
+    /// Which loop of how many.
+    part: [usize; 2],
+}
+
+/// What a search does one after another.
+#[derive(Clone, Copy)]
+enum Stage {
+    Own,
+    Scan,
+    Finalists,
+    Refine,
+    Fresh,
+    Grown,
+}
+
+impl Stage {
+    const ALL: [Self; 6] = [Self::Own, Self::Scan, Self::Finalists, Self::Refine, Self::Fresh, Self::Grown];
+
+    const fn in_words(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Own => ("the rig's own gains", "sets of gains"),
+            Self::Scan => ("scan", "sets of gains"),
+            Self::Finalists => ("the best of the scan", "sets of gains"),
+            Self::Refine => ("about the best", "sets of gains"),
+            Self::Fresh => ("fresh airframes", "sets of gains"),
+            Self::Grown => ("growing latency", "latencies"),
+        }
+    }
 }
 
 impl<'a> Search<'a> {
@@ -300,6 +361,7 @@ impl<'a> Search<'a> {
         limits: Limits,
         effort: Effort,
         progress: Progress<'a>,
+        part: [usize; 2],
     ) -> Result<Self, TuneError> {
         let sticks = &rig.airframe.sticks;
         if of == LoopKind::Lateral && sticks.tilt_rad_per_unit == 0.0 {
@@ -316,13 +378,44 @@ impl<'a> Search<'a> {
                 ceiling_m: rig.safety.ceiling_m,
             });
         }
-        Ok(Self { gains: of.gains(rig), rig, of, task: *task, limits, effort, progress })
+        Ok(Self { gains: of.gains(rig), rig, of, task: *task, limits, effort, progress, part })
+    }
+
+    /// How many models a scan flies.
+    fn scan_models(&self) -> usize {
+        let models = self.effort.models;
+        ((models as f64 * SCAN_SHARE) as usize).max(SCAN_LEAST).min(models)
+    }
+
+    /// Flights of a stage, as far as they can be told before.
+    fn flights(&self, stage: Stage) -> f64 {
+        let Effort { models, checked, scanned, refined, .. } = self.effort;
+        let [models, checked, scanned, refined] = [models, checked, scanned, refined].map(|n| n as f64);
+        match stage {
+            Stage::Own => models,
+            Stage::Scan => scanned * self.scan_models() as f64,
+            Stage::Finalists => FINALISTS as f64 * models,
+            Stage::Refine => PER_STEP * refined * models,
+            Stage::Fresh => 2.0 * checked,
+            Stage::Grown => GROWTH_S.len() as f64 * models,
+        }
+    }
+
+    fn tell(&self, stage: Stage, done: usize, all: usize) {
+        let all_flights: f64 = Stage::ALL.into_iter().map(|stage| self.flights(stage)).sum();
+        let before: f64 = Stage::ALL.into_iter().take(stage as usize).map(|stage| self.flights(stage)).sum();
+        let of_stage = done as f64 / all.max(1) as f64;
+        let of_loop = (before + of_stage.min(1.0) * self.flights(stage)) / all_flights;
+        let [index, loops] = self.part;
+        let (what, unit) = stage.in_words();
+        let share = (index as f64 + of_loop) / loops as f64;
+        (self.progress)(Step { of: self.of, what, unit, done, all, share });
     }
 
     fn run(&self) -> Result<Tuned, TuneError> {
         let all = self.effort.models;
         let own: Vec<f64> = self.gains.iter().map(|gain| gain.get(&self.rig.control)).collect();
-        (self.progress)(self.of, "the rig's gains", 0, 1);
+        self.tell(Stage::Own, 0, 1);
         let before = self.trial(&own, all);
         let scanned = self.scan();
         let finalists = &scanned[..scanned.len().min(FINALISTS)];
@@ -330,37 +423,43 @@ impl<'a> Search<'a> {
             .iter()
             .enumerate()
             .map(|(i, trial)| {
-                (self.progress)(self.of, "the best of them on all models", i, finalists.len());
+                self.tell(Stage::Finalists, i, finalists.len());
                 self.trial(&trial.gains, all)
             })
             .collect();
         tried.push(before.clone());
         // A simplex folds up against a limit; another about the best goes on along it.
         for restart in 0..RESTARTS {
-            let start = best(&tried).gains.clone();
+            let (start, cost) = (best(&tried).gains.clone(), best(&tried).cost);
             tried.extend(self.refine(&start, restart));
+            if cost - best(&tried).cost < WORTH * cost {
+                break;
+            }
         }
         // Gains that are no better than the rig's are not worth a change.
         let after = best(&tried).clone();
         if after.cost >= LOST {
             return Err(TuneError::NothingFlies { of: self.of.name(), tried: scanned.len() + tried.len() });
         }
-        (self.progress)(self.of, "fresh models", 0, 2);
+        self.tell(Stage::Fresh, 0, 2);
         let fresh = self.effort.seed.wrapping_add(FRESH);
-        let checked = |gains: &[f64], extra_s: f64, count: usize| {
-            let flown = self.fly(gains, fresh, extra_s, count);
+        let checked = |flown: &[Option<Figures>]| {
             let rms: Vec<f64> = flown.iter().map(|f| f.map_or(f64::INFINITY, |f| f.rms_m)).collect();
             (Share::of(rms.iter().map(|rms| *rms <= self.limits.rms_m)), percentile(rms, SHARE))
         };
-        let (checked_before, rms_before) = checked(&own, 0.0, self.effort.checked);
-        (self.progress)(self.of, "fresh models", 1, 2);
-        let (checked_after, rms_after) = checked(&after.gains, 0.0, self.effort.checked);
+        let fresh_before = self.fly(&own, fresh, 0.0, self.effort.checked);
+        self.tell(Stage::Fresh, 1, 2);
+        let fresh_after = self.fly(&after.gains, fresh, 0.0, self.effort.checked);
+        let (checked_before, rms_before) = checked(&fresh_before);
+        let (checked_after, rms_after) = checked(&fresh_after);
+        let judged =
+            judge(self.of, &self.limits, [&fresh_before, &fresh_after], [before.margins, after.margins]);
         let grown = GROWTH_S
             .iter()
             .enumerate()
             .map(|(i, extra_s)| {
-                (self.progress)(self.of, "growing latency", i, GROWTH_S.len());
-                let (within, rms_p95_m) = checked(&after.gains, *extra_s, all);
+                self.tell(Stage::Grown, i, GROWTH_S.len());
+                let (within, rms_p95_m) = checked(&self.fly(&after.gains, fresh, *extra_s, all));
                 Grown { extra_s: *extra_s, within, rms_p95_m }
             })
             .collect();
@@ -374,6 +473,7 @@ impl<'a> Search<'a> {
             checked: checked_after,
             checked_before,
             checked_rms_p95_m: [rms_before, rms_after],
+            judged,
             grown,
             tried,
             limits: self.limits,
@@ -383,8 +483,7 @@ impl<'a> Search<'a> {
     /// Gains all over their ranges, a Latin hypercube of them, on some of the models; the best first.
     fn scan(&self) -> Vec<Trial> {
         let count = self.effort.scanned;
-        let models =
-            ((self.effort.models as f64 * SCAN_SHARE) as usize).max(SCAN_LEAST).min(self.effort.models);
+        let models = self.scan_models();
         let mut rng = ChaCha8Rng::seed_from_u64(self.effort.seed);
         let columns: Vec<Vec<f64>> = self
             .gains
@@ -396,11 +495,15 @@ impl<'a> Search<'a> {
                 column
             })
             .collect();
+        let done = AtomicUsize::new(0);
+        self.tell(Stage::Scan, 0, count);
         let mut trials: Vec<Trial> = (0..count)
+            .into_par_iter()
             .map(|i| {
-                (self.progress)(self.of, "all over the ranges", i, count);
                 let gains: Vec<f64> = columns.iter().map(|column| column[i]).collect();
-                self.trial(&gains, models)
+                let trial = self.trial(&gains, models);
+                self.tell(Stage::Scan, done.fetch_add(1, Ordering::Relaxed) + 1, count);
+                trial
             })
             .collect();
         trials.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -419,8 +522,10 @@ impl<'a> Search<'a> {
             corner[i] += if inside { step } else { -step };
             simplex.push(corner);
         }
-        let problem = Refinement { search: self, tried: RefCell::new(Vec::new()) };
+        let problem = Refinement { search: self, restart, tried: RefCell::new(Vec::new()) };
         let solver = NelderMead::new(simplex);
+        // A tolerance above zero is the only one that it takes.
+        let Ok(solver) = solver.with_sd_tolerance(SETTLED) else { return Vec::new() };
         // Each iteration tries one or two, a shrink as many as there are gains.
         let iterations = (self.effort.refined.div_ceil(RESTARTS) as u64).max(1);
         let outcome = Executor::new(problem, solver).configure(|state| state.max_iters(iterations)).run();
@@ -468,14 +573,14 @@ impl<'a> Search<'a> {
             }
         };
         let (p95, median) = (at(SHARE), at(0.5));
-        let broken = self.broken(&p95, margins.as_ref());
+        let broken = broken(&self.limits.inside(INSIDE), &p95, margins.as_ref());
         let l = &self.limits;
         let small = p95.overshoot / l.overshoot + p95.settling_s / l.settling_s + p95.activity / l.activity;
         let cost = p95.rms_m / l.rms_m + SMALL * small + BROKEN * broken;
         Trial {
             gains: gains.to_vec(),
             flown: Share::of(flown.iter().map(Option::is_some)),
-            admissible: broken == 0.0,
+            admissible: self::broken(l, &p95, margins.as_ref()) == 0.0,
             cost: if cost.is_finite() {
                 cost.min(LOST)
             } else {
@@ -486,34 +591,52 @@ impl<'a> Search<'a> {
             margins,
         }
     }
+}
 
-    /// By how much limits are broken, as shares of them.
-    fn broken(&self, p95: &Figures, margins: Option<&Margins>) -> f64 {
-        let l = &self.limits;
-        let above = |value: f64, limit: f64| (value / limit - 1.0).max(0.0);
-        let below =
-            |value: Option<f64>, limit: f64| value.map_or(0.0, |value| (1.0 - value / limit).max(0.0));
-        let of_flights = above(p95.rms_m, l.rms_m)
-            + above(p95.overshoot, l.overshoot)
-            + above(p95.settling_s, l.settling_s)
-            + above(p95.activity, l.activity);
-        let of_loop = margins.map_or(f64::INFINITY, |m| {
-            below(m.gain_db, l.gain_db)
-                + below(m.gain_reduction_db, l.gain_db)
-                + below(m.phase_deg, l.phase_deg)
-                + below(m.delay_s, l.delay_s)
-        });
-        of_flights + of_loop
+/// By how much limits are broken, as shares of them.
+fn broken(l: &Limits, p95: &Figures, margins: Option<&Margins>) -> f64 {
+    let above = |value: f64, limit: f64| (value / limit - 1.0).max(0.0);
+    let below = |value: Option<f64>, limit: f64| value.map_or(0.0, |value| (1.0 - value / limit).max(0.0));
+    let of_flights = above(p95.rms_m, l.rms_m)
+        + above(p95.overshoot, l.overshoot)
+        + above(p95.settling_s, l.settling_s)
+        + above(p95.activity, l.activity);
+    let of_loop = margins.map_or(f64::INFINITY, |m| {
+        below(m.gain_db, l.gain_db)
+            + below(m.gain_reduction_db, l.gain_db)
+            + below(m.phase_deg, l.phase_deg)
+            + below(m.delay_s, l.delay_s)
+    });
+    of_flights + of_loop
+}
+
+impl Limits {
+    /// Stricter by a share.
+    fn inside(&self, share: f64) -> Self {
+        let (most, least) = (1.0 - share, 1.0 + share);
+        Self {
+            rms_m: most * self.rms_m,
+            overshoot: most * self.overshoot,
+            settling_s: most * self.settling_s,
+            activity: most * self.activity,
+            gain_db: least * self.gain_db,
+            phase_deg: least * self.phase_deg,
+            delay_s: least * self.delay_s,
+        }
     }
 }
 
+/// The least cost of those that hold all limits or, where none does, of all.
 fn best(trials: &[Trial]) -> &Trial {
-    trials.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).expect("the rig's own gains were tried")
+    let order =
+        |a: &&Trial, b: &&Trial| b.admissible.cmp(&a.admissible).then_with(|| a.cost.total_cmp(&b.cost));
+    trials.iter().min_by(order).expect("the rig's own gains were tried")
 }
 
 /// What argmin sees of a search: shares of the ranges' logarithms.
 struct Refinement<'s, 'a> {
     search: &'s Search<'a>,
+    restart: usize,
     tried: RefCell<Vec<Trial>>,
 }
 
@@ -524,12 +647,9 @@ impl CostFunction for Refinement<'_, '_> {
     fn cost(&self, shares: &Vec<f64>) -> Result<f64, Error> {
         let search = self.search;
         let tried = self.tried.borrow().len();
-        (search.progress)(
-            search.of,
-            "about the best",
-            tried.min(search.effort.refined),
-            search.effort.refined,
-        );
+        let planned = (PER_STEP * search.effort.refined as f64 / RESTARTS as f64).ceil() as usize;
+        let done = (self.restart * planned + tried.min(planned)).min(RESTARTS * planned);
+        search.tell(Stage::Refine, done, RESTARTS * planned);
         let gains: Vec<f64> = search.gains.iter().zip(shares).map(|(gain, x)| gain.at(*x)).collect();
         let trial = search.trial(&gains, search.effort.models);
         // Outside of a range nothing is tried; the wall leads back.

@@ -18,7 +18,7 @@ fn rig(name: &str) -> Rig {
 const SMALL: Effort = Effort { models: 20, checked: 20, scanned: 3, refined: 2, seed: 5 };
 
 fn tuned(rig: &Rig, effort: Effort) -> Result<Tuning, TuneError> {
-    tune(rig, &Task::PAPER, &|of| of.usual_limits(rig), &[LoopKind::Altitude], effort, &|_, _, _, _| ())
+    tune(rig, &Task::PAPER, &|of| of.usual_limits(rig), &[LoopKind::Altitude], effort, &|_| ())
 }
 
 #[test]
@@ -52,6 +52,8 @@ fn a_tuning_is_no_worse_repeats_and_keeps_the_file() {
     let of = &found.loops[0];
     assert_eq!(of.keys.len(), of.after.gains.len());
     assert!(of.tried.contains(&of.before) && of.tried.contains(&of.after));
+    assert_eq!(of.judged.len(), 8);
+    assert!(found.verdict().starts_with(if found.passed() { "All limits held" } else { "Not good enough" }));
     // The rig's own gains miss the gain margin that is asked for; what is chosen does not by more.
     let short = |trial: &bench_tuning::Trial| (4.5 - trial.margins.unwrap().gain_db.unwrap_or(99.0)).max(0.0);
     assert!(short(&of.after) <= short(&of.before), "{of:?}");
@@ -91,14 +93,8 @@ fn what_cannot_be_tuned_is_said() {
     assert!(tuned(&low, SMALL).unwrap_err().to_string().contains("ceiling_m = 0.5"));
     let mut stiff = rig.clone();
     stiff.airframe.sticks.tilt_rad_per_unit = 0.0;
-    let lateral = tune(
-        &stiff,
-        &Task::PAPER,
-        &|of| of.usual_limits(&stiff),
-        &[LoopKind::Lateral],
-        SMALL,
-        &|_, _, _, _| (),
-    );
+    let lateral =
+        tune(&stiff, &Task::PAPER, &|of| of.usual_limits(&stiff), &[LoopKind::Lateral], SMALL, &|_| ());
     assert!(matches!(lateral, Err(TuneError::NoLateral { .. })));
     // It sees nothing in time: nothing flies.
     let mut blind = rig.clone();

@@ -3,19 +3,18 @@ mod power;
 
 use std::{
     hash::{BuildHasher, RandomState},
-    io::IsTerminal,
     path::PathBuf,
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 use bench_blind::Plan;
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
     arguments::{Force, Json, Page, RigArgument},
     exit::Exit,
     files::{self, Form, Outputs},
+    progress::Progress,
     words,
 };
 
@@ -85,12 +84,13 @@ fn seal(arguments: &SealArguments) -> anyhow::Result<Exit> {
         seed: arguments.seed.unwrap_or_else(any_seed),
         with_reserved: arguments.with_reserved,
     };
-    let bar = progress_bar(plan.cases as u64);
+    let progress = Progress::of("blind seal");
+    progress.begin("flying", plan.cases as f64, "cases");
     let began = Instant::now();
     let seal = bench_blind::seal(&plan, &arguments.output, &arguments.key, |done| {
-        bar.set_position(done as u64);
+        progress.at(done as f64);
     })?;
-    bar.finish_and_clear();
+    drop(progress);
     words::print(&format!(
         "{} of {} sealed in {} ({:.0} s)\n  seal  {}\n  key   {}: keep it where whoever answers cannot read it",
         words::count(plan.cases as u64, "case"),
@@ -154,15 +154,4 @@ fn open(arguments: &OpenArguments) -> anyhow::Result<Exit> {
 /// A seed that nobody chose: the standard library's hash keys come from the operating system.
 fn any_seed() -> u64 {
     RandomState::new().hash_one(0)
-}
-
-fn progress_bar(length: u64) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{wide_bar} {pos} of {len}, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(length).with_style(style);
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }

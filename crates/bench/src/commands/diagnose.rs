@@ -22,6 +22,7 @@ use crate::{
     },
     exit::Exit,
     files::{self, Form, Outputs},
+    progress::Progress,
     recorded::NominalRig,
     words::{self, short},
 };
@@ -152,10 +153,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         kept.write(file)?;
     }
     let problem = Problem::new(&tracks, &rig);
+    let progress = Progress::of("diagnose");
+    let flights = words::count(tracks.len() as u64, "flight");
+    progress.begin_untold(&format!("weighing what explains {flights}"));
     let mut diagnosis = Diagnosis::of(&problem, &calibration);
     refuse_absurd(&diagnosis, &nominal.from)?;
     let mut refused = false;
     if arguments.next_flight.is_some() {
+        progress.begin_untold("trying missions for the next flight");
         match NextFlight::propose(&problem, &diagnosis.candidates, between, &flown.distinct(), fly) {
             Ok(next) => diagnosis.next_flight = Some(next),
             Err(reason) => {
@@ -164,6 +169,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             }
         }
     }
+    drop(progress);
     diagnosis.warnings = warnings;
     let report = Report::new(diagnosis, arguments.min_confidence, choice);
     if arguments.json.json {

@@ -32,6 +32,7 @@ use crate::{
     exit::Exit,
     eyes::Eyes,
     files::{self, Form, Outputs},
+    progress,
     recorded::{self, ADDED_EFFECTS},
     seen, words,
 };
@@ -256,7 +257,7 @@ fn finish(
         files::make_folder(table)?;
         let exported = export(output, table, &ExportOptions::default())
             .with_context(|| format!("cannot export to {}", table.display()))?;
-        eprintln!("exported {} to {}", words::tables(&exported), table.display());
+        progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
     }
     // That a flight was stopped matters more than that records are missing.
     Ok(if exit != Exit::Stopped && !whole { Exit::DataLoss } else { exit })

@@ -16,6 +16,7 @@ use crate::{
     commands::tracks::Selection,
     exit::Exit,
     files::{self, Form, Outputs},
+    progress::Progress,
     recorded::NominalRig,
     words,
     words::short,
@@ -195,7 +196,10 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
     let nominal = arguments.rig.resolve(&recorded)?;
     let rig = nominal.rig;
     let (tracks, refused) = selection.tracks(&recorded, &rig);
+    let progress = Progress::of("identify flight");
+    progress.begin_untold(&format!("fitting the rig to {}", words::count(tracks.len() as u64, "flight")));
     let found = identify_flights(&tracks, &rig);
+    drop(progress);
     let unused = [recorded.remarks.as_slice(), refused.as_slice()].concat();
     let mut found = found.with_context(|| match unused.as_slice() {
         [] => "nothing identified, nothing written".to_owned(),

@@ -1,6 +1,8 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use bench_recording::import::import;
+use anyhow::{Context, bail};
+use bench_recording::{FileKind, import::import};
+use bench_rig::Actuation;
 use clap::Args;
 
 use crate::{
@@ -13,17 +15,19 @@ use crate::{
 /// Turn a CSV flight log into a recording, by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench import --map rigs/import/crazypad.toml flight-1.csv -o flight-1.mcap
-  bench import --map my-quad.toml --rig my-rig.toml log.csv -o log.mcap --json
+  bench import --map crazypad log.csv -o log.mcap
+  bench import --map my-map.toml --rig my-quad.toml log.csv -o mine.mcap --json
+  bench import flight.csv --rig virtual -o again.mcap
 
-docs/import.md says how to write a map. Rows with something wrong in them are counted and told,
-never used.")]
+A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
+write a map. Rows with something wrong in them are counted and told, never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
-    /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them)
+    /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them). Not needed for
+    /// a table that `bench export` wrote
     #[arg(long, value_name = "MAP")]
-    map: PathBuf,
+    map: Option<PathBuf>,
     /// Rig to attach, instead of the map's own: a file, or the name of a built-in one
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
@@ -39,9 +43,13 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     Outputs::new(arguments.force.force)
         .and(arguments.output.as_path(), Form::Recording)
-        .from([arguments.log.as_path(), arguments.map.as_path()])
+        .from(std::iter::once(arguments.log.as_path()).chain(arguments.map.as_deref()))
         .check()?;
-    let map = files::import_map(&arguments.map)?;
+    let map = match &arguments.map {
+        Some(map) => map.clone(),
+        None => map_of(&arguments.log, arguments.rig.is_some())?,
+    };
+    let map = files::import_map(&map)?;
     let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
     files::make_folder(&arguments.output)?;
     let report = import(&map, &arguments.log, &arguments.output, rig.as_ref())?;
@@ -51,4 +59,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::print(&report.to_string())?;
     }
     Ok(Exit::Done)
+}
+
+/// The map of a table that `bench export` wrote. Of other logs nobody knows it.
+fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<PathBuf> {
+    let shown = log.display();
+    let kind = FileKind::of(log).with_context(|| format!("cannot read {shown}"))?;
+    let map = match kind {
+        FileKind::OwnTable(Some(Actuation::Volt)) => "bench",
+        FileKind::OwnTable(Some(Actuation::Fraction)) => "bench-fraction",
+        FileKind::OwnTable(Some(Actuation::Count)) => "bench-count",
+        FileKind::OwnTable(None) => bail!(
+            "{shown} was exported from a recording without a rig, so its heading does not tell the unit of the sticks; name the map with --map"
+        ),
+        kind => match kind.instead_of_log() {
+            Some(advice) => bail!("{shown} is {}, not a CSV flight log: {advice}", kind.name()),
+            None => bail!(
+                "{shown}: say with --map which column is what; docs/import.md tells how a map is written, `bench rigs` lists those built in"
+            ),
+        },
+    };
+    if !has_rig {
+        bail!(
+            "{shown} was written by `bench export`; name the rig that it was flown on with --rig, it is not in the table"
+        );
+    }
+    Ok(PathBuf::from(map))
 }

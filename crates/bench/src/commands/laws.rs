@@ -1,4 +1,4 @@
-use std::{fmt::Write as _, io::IsTerminal, path::PathBuf};
+use std::{fmt::Write as _, path::PathBuf};
 
 use anyhow::bail;
 use bench_page::digits;
@@ -6,12 +6,12 @@ use bench_plant::effects::LIBRARY;
 use bench_rig::Rig;
 use bench_tuning::{Achieved, Case, Comparison, Goals, Share, compare};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
     arguments::{Force, Json},
     exit::Exit,
     files::{self, Form, Outputs},
+    progress::Progress,
     words,
 };
 
@@ -56,20 +56,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .from(arguments.rigs.iter().map(PathBuf::as_path))
         .check()?;
     let rigs = arguments.rigs.iter().map(|path| files::rig(path)).collect::<anyhow::Result<Vec<Rig>>>()?;
-    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cases ({elapsed}, {eta} left)");
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let progress = |done: usize, all: usize| {
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
-    };
     let effects: Vec<&str> = match &arguments.effects {
         Some(names) => names.iter().map(String::as_str).collect(),
         None => LIBRARY.iter().map(|spec| spec.name).collect(),
     };
-    let found = compare(&rigs, Goals::PAPER, &effects, arguments.models, arguments.seed, &progress);
-    bar.finish_and_clear();
-    let found = found?;
+    let progress = Progress::of("laws");
+    progress.begin("flying", (1 + effects.len()) as f64, "cases");
+    let tell = |done: usize, _all: usize| progress.at(done as f64);
+    let found = compare(&rigs, Goals::PAPER, &effects, arguments.models, arguments.seed, &tell)?;
+    drop(progress);
     if let Some(file) = &arguments.output {
         files::write_and_say(file, &markdown(&found, arguments))?;
     }

@@ -33,6 +33,7 @@ use crate::{
     exit::Exit,
     files::{self, Form, Outputs},
     model_page::{self, card, ground_figure, mark, table, thrust_figure, trajectory_figure},
+    progress::Progress,
     recorded::{added_effects, simulated_session},
     words,
 };
@@ -132,7 +133,8 @@ impl Work {
         let rig_file = arguments.rig.path();
         let (hop, climb) = (files::mission("hop", rig_file)?, files::mission("climb-040", rig_file)?);
 
-        eprintln!("balance: throttle, thrust and altitude");
+        let progress = Progress::of("paper");
+        progress.begin_untold("balance: throttle, thrust and altitude");
         let mut on_balance = lab.clone();
         on_balance.effects.push(parse_effect(DISCHARGE)?);
         let seed = arguments.seed;
@@ -154,7 +156,11 @@ impl Work {
             &from_balance,
         )?;
 
-        eprintln!("flights: hops and climbs of the laboratory, for what the balance does not tell");
+        progress.begin(
+            "flights of the laboratory, for what the balance does not tell",
+            TUNING_FLIGHTS as f64,
+            "flights",
+        );
         let mut air = lab.clone();
         air.effects.push(parse_effect(GUSTS)?);
         let mut tracks = Vec::new();
@@ -163,13 +169,15 @@ impl Work {
             let name = format!("tuning-{}.mcap", i + 1);
             let flight = fly(&air, &lab, mission, seed + 1 + i, &folder.join(&name))?;
             tracks.push(Track::from_flight(&name, &flight, &from_balance)?);
+            progress.step();
         }
+        progress.begin_untold("refining the rig by these flights");
         let rig = identify_flights(&tracks, &from_balance)?.rig;
         let head =
             "rig-balance.toml refined by `bench paper` as `bench identify flight` does, from tuning-*.mcap.";
         files::write_rig(&folder.join("rig.toml"), head, &rig)?;
 
-        eprintln!("figures 11, 15 and 16: another hop and climb, and the model");
+        progress.begin_untold("figures 11, 15 and 16: another hop and climb, and the model");
         let hop = fly(&air, &lab, &hop, seed, &folder.join("hop.mcap"))?;
         let against = |rig: &Rig| -> anyhow::Result<Verification> {
             let open: OpenLoop = open_loop("Figure 11: a hop at one throttle", &hop, rig)?;

@@ -25,6 +25,7 @@ use crate::{
     exit::Exit,
     eyes::Eyes,
     files::{self, Form, Outputs},
+    progress::Progress,
     seen, words,
 };
 
@@ -119,6 +120,8 @@ fn places(
     let mut renderer = seen::renderer(calibration, &scene, arguments.seed);
     let mut frame = Frame::default();
     let mut recorded = Vec::new();
+    let progress = Progress::of("record-frames");
+    progress.begin("rendering", places.len() as f64, "places");
     for place in places {
         let mut recorder = Recorder::create(&place.folder, 0.0)?;
         let offset = calibration.marker_offset_m;
@@ -131,6 +134,7 @@ fn places(
         }
         files::write(&place.folder.join(seen::RIG_BESIDE_FRAMES), &rig.to_toml())?;
         recorded.push((place.folder.clone(), recorder.finish()?));
+        progress.step();
     }
     Ok(recorded)
 }
@@ -157,9 +161,13 @@ fn flight(
         }
     };
     let see = |exposures| seen::tracker(exposures, calibration, rig, arguments.seed, watch);
-    simulate_seen(rig, mission, arguments.seed, see, &mut records, |progress| {
-        progress.now.seconds() < window.end
+    let progress = Progress::of("record-frames");
+    progress.begin("flying and rendering", window.end.min(mission.duration_s()), "s of flight");
+    simulate_seen(rig, mission, arguments.seed, see, &mut records, |flown| {
+        progress.at(flown.now.seconds());
+        flown.now.seconds() < window.end
     })?;
+    drop(progress);
     if let Some(error) = failed {
         return Err(error.into());
     }

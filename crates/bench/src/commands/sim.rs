@@ -1,22 +1,18 @@
-use std::{
-    io::IsTerminal,
-    path::PathBuf,
-    time::{Duration, Instant},
-};
+use std::{path::PathBuf, time::Instant};
 
 use anyhow::Context;
 use bench_plant::effects::parse_effect;
 use bench_recording::{ExportOptions, Options, Recorder, export};
 use bench_rig::{Mission, Model, Rig};
-use bench_run::{Progress, check, simulate, simulate_seen};
+use bench_run::{check, simulate, simulate_seen};
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{
     arguments::{Force, Json, RigArgument},
     exit::Exit,
     files::{self, Form, Outputs},
     flight::Flight,
+    progress::{self, Progress},
     recorded,
     seen::{self, Watch},
     words,
@@ -110,14 +106,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }
     let mut recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
-    let bar = progress_bar(mission.duration_s());
+    let progress = Progress::of("sim");
+    progress.begin("flying", mission.duration_s(), "s of flight");
     let began = Instant::now();
     let mut iterations = 0_u32;
-    let each = |progress: &Progress| {
+    let each = |flown: &bench_run::Progress| {
         iterations += 1;
         if iterations.is_multiple_of(50) {
-            bar.set_position(progress.now.nanos() / 1_000_000);
-            bar.set_message(format!("{} at {:.2} m", progress.phase, progress.altitude_m));
+            progress.at(flown.now.seconds());
+            progress.doing(&format!("{} at {:.2} m", flown.phase, flown.altitude_m));
         }
         true
     };
@@ -131,7 +128,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let finished = recorder.finish();
     let took = began.elapsed();
-    bar.finish_and_clear();
+    drop(progress);
 
     let checks = check(&mission.criteria, &flown.summary);
     let flight = Flight {
@@ -166,7 +163,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         files::make_folder(table)?;
         let exported = export(&output, table, &ExportOptions::default())
             .with_context(|| format!("cannot export to {}", table.display()))?;
-        eprintln!("exported {} to {}", words::tables(&exported), table.display());
+        progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
     }
     Ok(flight.exit())
 }
@@ -178,15 +175,4 @@ fn default_recording(arguments: &Arguments, rig: &Rig, mission: &Mission, added:
     let frames = arguments.frames.then(|| "frames".to_owned());
     let added: Vec<String> = model.into_iter().chain(frames).chain(added.iter().cloned()).collect();
     files::default_recording(&rig.name, &mission.name, &added, &format!("seed{}", arguments.seed))
-}
-
-fn progress_bar(duration_s: f64) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{wide_bar} {percent}% {msg}")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new((duration_s * 1000.0) as u64).with_style(style);
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }

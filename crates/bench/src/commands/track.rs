@@ -14,6 +14,7 @@ use crate::{
     arguments::{Force, Json},
     exit::Exit,
     files::{self, Form, Outputs},
+    progress::Progress,
     seen::{self, Watch},
     words,
 };
@@ -59,12 +60,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let mut tracker = Tracker::new(calibration);
     let mut rows = Vec::with_capacity(replay.frames());
+    let progress = Progress::of("track");
+    progress.begin("looking", replay.frames() as f64, "frames");
     while let Some(frame) = replay.next_frame()? {
         let exposed_at = frame.arrived_at.shifted(-rig.tracker.latency_s.value);
         let sighting = tracker.track(frame, exposed_at);
         watch.see(frame, &tracker, &sighting);
         rows.push((frame.arrived_at.seconds(), sighting));
+        progress.step();
     }
+    drop(progress);
     if let Some(path) = &arguments.csv {
         files::write(path, &as_csv(&rows))?;
     }

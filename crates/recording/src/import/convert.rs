@@ -15,6 +15,8 @@ use crate::{Channel, Record, Tick};
 struct Sample {
     numbers: Vec<f64>,
     phase: Option<Phase>,
+    /// When a position was exposed, on the log's clock, ns, where the log tells.
+    exposed_ns: Option<i128>,
 }
 
 /// One channel and what was last kept of it.
@@ -103,19 +105,37 @@ impl<'m> Converter<'m> {
             _ => None,
         };
         let numbers = map.quantities.iter().map(|quantity| quantity.read(row)).collect::<Result<_, _>>()?;
-        Ok(Sample { numbers, phase })
+        let exposed = self.map.exposed.as_ref().filter(|_| map.table.channel == Channel::Position);
+        let exposed_ns = match exposed {
+            None => None,
+            Some(exposed) => {
+                let nanos = row.nanos(exposed.column, exposed.unit)?;
+                let now = row.nanos(self.map.time.column, self.map.time.unit)?;
+                if nanos > now {
+                    // Nobody sees what is still to come.
+                    return Err(SkipReason::OutOfRange.in_column(exposed.column));
+                }
+                Some(nanos)
+            }
+        };
+        Ok(Sample { numbers, phase, exposed_ns })
     }
 
-    /// Appends the records of a row at `time`.
-    pub fn convert(&mut self, time: Time, Samples(samples): Samples, out: &mut Vec<Record>) {
+    /// Appends the records of a row at `time`; the log's clock shows `origin_ns` at time zero.
+    pub fn convert(&mut self, time: Time, origin_ns: i128, Samples(samples): Samples, out: &mut Vec<Record>) {
         for (channel, sample) in self.channels.iter_mut().zip(samples) {
             let Some(sample) = sample else { continue };
-            let is_position = channel.map.table.channel == Channel::Position;
-            if is_position && time < self.latency {
-                self.positions_before_origin += 1;
-            } else if channel.keep(time, &sample) {
-                out.push(channel.record(time, self.rest, self.latency, &sample));
-                channel.last = Some(sample);
+            let exposed = match sample.exposed_ns {
+                Some(nanos) => u64::try_from(nanos - origin_ns).ok().map(Time::from_nanos),
+                None => (time >= self.latency).then(|| time.shifted(-self.latency.seconds())),
+            };
+            match exposed {
+                None if channel.map.table.channel == Channel::Position => self.positions_before_origin += 1,
+                _ if channel.keep(time, &sample) => {
+                    out.push(channel.record(time, exposed.unwrap_or(time), self.rest, &sample));
+                    channel.last = Some(sample);
+                }
+                _ => {}
             }
         }
     }
@@ -165,6 +185,12 @@ impl ChannelState<'_> {
         if self.map.changes_only && self.last.as_ref() == Some(sample) {
             return false;
         }
+        // The newest frame at hand is that of the row before.
+        if sample.exposed_ns.is_some()
+            && self.last.as_ref().map(|last| last.exposed_ns) == Some(sample.exposed_ns)
+        {
+            return false;
+        }
         if let Some(every_s) = self.map.every_s {
             let stretch = Some(time.nanos() / Time::from_seconds(every_s).nanos());
             if self.stretch == stretch {
@@ -175,10 +201,10 @@ impl ChannelState<'_> {
         true
     }
 
-    fn record(&mut self, time: Time, rest: Sticks, latency: Time, sample: &Sample) -> Record {
+    fn record(&mut self, time: Time, exposed_at: Time, rest: Sticks, sample: &Sample) -> Record {
         let mut record = (self.map.table.blank)(time, rest);
         match &mut record {
-            Record::Position(position) => position.exposed_at = time.shifted(-latency.seconds()),
+            Record::Position(position) => position.exposed_at = exposed_at,
             Record::ControlState(state) => state.phase = sample.phase.unwrap_or(state.phase),
             _ => {}
         }

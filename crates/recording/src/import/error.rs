@@ -4,7 +4,7 @@ use bench_rig::{Actuation, Location, RigError};
 use thiserror::Error;
 
 use super::Skipped;
-use crate::RecordingError;
+use crate::{FileKind, RecordingError};
 
 /// Why a log could not be imported. No output file is left behind, and an older one stays as it was.
 #[derive(Debug, Error)]
@@ -20,6 +20,16 @@ pub enum ImportError {
         path: PathBuf,
         /// Why.
         source: io::Error,
+    },
+    /// The log is no CSV file.
+    #[error("{} is {}, not a CSV flight log: {advice}", path.display(), kind.name())]
+    NotCsv {
+        /// The log.
+        path: PathBuf,
+        /// What it is.
+        kind: FileKind,
+        /// What to do.
+        advice: String,
     },
     /// The log has no header.
     #[error("{} is empty; expected a CSV file whose first line names the columns", path.display())]

@@ -59,38 +59,60 @@ impl ImportMap {
 }
 
 fn channel(of: &Table) -> Key {
-    let mut keys = Vec::new();
-    match of.channel {
-        Channel::Position => keys.extend([
-            Key::required(
-                "latency_s",
-                "How old a position is in the row that holds it, or \"rig\".",
-                setting(LATENCY),
+    // What a channel needs besides its quantities, in each of the ways in which it may be given.
+    let ways: Vec<Vec<Key>> = match of.channel {
+        Channel::Position => vec![
+            vec![
+                Key::required(
+                    "latency_s",
+                    "How old a position is in the row that holds it, or \"rig\".",
+                    setting(LATENCY),
+                ),
+                Key::optional(
+                    "newest_of_frames_s",
+                    "Rows hold the newest frame at hand, of frames that come so often, or \"rig\".",
+                    setting(PERIOD),
+                ),
+            ],
+            vec![table(
+                "exposed_at",
+                "When a position was exposed, by a column, in place of latency_s and newest_of_frames_s.",
+                vec![
+                    column("column"),
+                    Key::required("unit", "The unit that the column is in.", choice(&TimeUnit::CHOICES)),
+                ],
+            )],
+        ],
+        Channel::ControlState => {
+            vec![vec![Key::required("phase", "The phase: one of the bench's, or by a column.", phase())]]
+        }
+        _ => vec![Vec::new()],
+    };
+    let forms = ways.into_iter().map(|mut keys| {
+        keys.extend(of.targets.iter().map(quantity));
+        keys.extend([
+            Key::optional(
+                "keep",
+                "Whether a message that says what the last one said is kept.",
+                choice(&KEEP),
+            )
+            .or_text("all"),
+            Key::optional(
+                "every_s",
+                "At most one message in each stretch of this length.",
+                Kind::Number(PERIOD),
             ),
             Key::optional(
-                "newest_of_frames_s",
-                "Rows hold the newest frame at hand, of frames that come so often, or \"rig\".",
-                setting(PERIOD),
-            ),
-        ]),
-        Channel::ControlState => {
-            keys.push(Key::required("phase", "The phase: one of the bench's, or by a column.", phase()));
-        }
-        _ => {}
-    }
-    keys.extend(of.targets.iter().map(quantity));
-    keys.extend([
-        Key::optional("keep", "Whether a message that says what the last one said is kept.", choice(&KEEP))
-            .or_text("all"),
-        Key::optional("every_s", "At most one message in each stretch of this length.", Kind::Number(PERIOD)),
-        Key::optional(
-            "empty",
-            "Whether an empty cell or NaN makes a row bad or a message absent.",
-            choice(&EMPTY),
-        )
-        .or_text("bad"),
-    ]);
-    optional(table(of.name, &format!("What becomes of a row in the channel {}.", of.channel.topic()), keys))
+                "empty",
+                "Whether an empty cell or NaN makes a row bad or a message absent.",
+                choice(&EMPTY),
+            )
+            .or_text("bad"),
+        ]);
+        keys
+    });
+    let meaning = format!("What becomes of a row in the channel {}.", of.channel.topic());
+    optional(Key::required(of.name, &meaning, Kind::Table(Form::any(forms))))
 }
 
 /// A constant, or one column or several with their unit.

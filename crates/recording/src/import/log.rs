@@ -12,6 +12,7 @@ use super::{
     number::{TimeUnit, finite, nanos},
     report::SkipReason,
 };
+use crate::FileKind;
 
 /// A CSV file whose header has every column that the map names.
 pub(super) struct Log {
@@ -40,7 +41,16 @@ pub(super) struct Row<'a> {
 
 impl Log {
     pub fn open(map: &ImportMap, path: &Path) -> Result<Self, ImportError> {
-        let file = File::open(path).map_err(|source| ImportError::Read { path: path.to_owned(), source })?;
+        let unread = |source| ImportError::Read { path: path.to_owned(), source };
+        match FileKind::of(path).map_err(unread)? {
+            FileKind::Empty => return Err(ImportError::NoHeader { path: path.to_owned() }),
+            kind => {
+                if let Some(advice) = kind.instead_of_log() {
+                    return Err(ImportError::NotCsv { path: path.to_owned(), kind, advice });
+                }
+            }
+        }
+        let file = File::open(path).map_err(unread)?;
         let mut reader = csv::ReaderBuilder::new()
             .delimiter(map.delimiter)
             // Rows of another width are counted, not fatal.

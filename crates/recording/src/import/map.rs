@@ -34,8 +34,10 @@ pub struct ImportMap {
     pub(super) filters: Vec<Filter>,
     /// The loop's nominal period, where ticks are wanted.
     pub(super) tick_period: Option<Setting>,
-    /// How far positions lag behind the rows that hold them.
+    /// How far positions lag behind the rows that hold them, where these do not say when they were exposed.
     pub(super) latency: Setting,
+    /// When the positions were exposed, on the log's clock.
+    pub(super) exposed: Option<TimeColumn>,
     /// Time between two frames, where a row holds the newest of them and does not say when it arrived.
     pub(super) frame_period: Option<Setting>,
     pub(super) phase: PhaseSource,
@@ -139,6 +141,7 @@ impl ImportMap {
             filters: Vec::new(),
             tick_period: None,
             latency: Setting::Given(0.0),
+            exposed: None,
             frame_period: None,
             phase: PhaseSource::Constant(Phase::Idle),
             channels: Vec::new(),

@@ -184,7 +184,8 @@ impl Import<'_> {
             None => self.output.insert(Output::open(&self.report, self.map, self.rig, nanos)?),
         };
         let time = output.time(nanos);
-        self.converter.convert(time, samples, &mut self.records);
+        let origin_ns = output.origin_ns;
+        self.converter.convert(time, origin_ns, samples, &mut self.records);
         self.records.extend(self.converter.tick(time));
         let phase = self.records.iter().find_map(|record| match record {
             Record::ControlState(state) => Some(state.phase),

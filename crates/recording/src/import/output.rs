@@ -66,7 +66,7 @@ fn session(log: &Path, map: &ImportMap, rig: Option<&Rig>, origin_ns: i128) -> S
         ("import.time_offset_s".to_owned(), seconds(origin_ns)),
     ]);
     // Where the rig gave it, the rig says so.
-    if let Setting::Given(latency_s) = map.latency {
+    if let (Setting::Given(latency_s), None) = (&map.latency, &map.exposed) {
         session.extra.insert("import.latency_s".to_owned(), latency_s.to_string());
     }
     if map.has_sticks() {

@@ -8,7 +8,10 @@ use bench_rig::{
 };
 
 use super::{
-    map::{ChannelMap, ColumnId, ColumnUse, Filter, ImportMap, PhaseSource, Quantity, Setting, Source},
+    map::{
+        ChannelMap, ColumnId, ColumnUse, Filter, ImportMap, PhaseSource, Quantity, Setting, Source,
+        TimeColumn,
+    },
     number::TimeUnit,
     target::{Dimension, TABLES, Table, Target},
 };
@@ -65,11 +68,20 @@ impl ImportMap {
     fn read_channel(&mut self, reader: &mut Reader<'_, '_>, table: &'static Table) {
         match table.channel {
             Channel::Position => {
-                if let Some(latency) = setting(reader, "latency_s", LATENCY) {
-                    self.latency = latency;
-                }
-                if reader.get("newest_of_frames_s").is_some() {
-                    self.frame_period = setting(reader, "newest_of_frames_s", PERIOD);
+                if reader.get("exposed_at").is_some() {
+                    reader.table("exposed_at", |reader| {
+                        let column = self.column(reader, "column");
+                        let mut unit = TimeUnit::CHOICES[0].1;
+                        reader.choice("unit", &TimeUnit::CHOICES, &mut unit);
+                        self.exposed = column.map(|column| TimeColumn { column, unit });
+                    });
+                } else {
+                    if let Some(latency) = setting(reader, "latency_s", LATENCY) {
+                        self.latency = latency;
+                    }
+                    if reader.get("newest_of_frames_s").is_some() {
+                        self.frame_period = setting(reader, "newest_of_frames_s", PERIOD);
+                    }
                 }
             }
             Channel::ControlState => self.read_phase(reader),

@@ -11,12 +11,12 @@ use bench_blind::{Answer, BlindError, Seal, Unfinished, Verdict};
 use clap::Args;
 use rayon::prelude::*;
 
-use super::progress_bar;
 use crate::{
     arguments::{Force, Json},
     blind_answer,
     exit::Exit,
     files::{Form, Outputs},
+    progress::{self, Progress},
     words,
 };
 
@@ -68,11 +68,14 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
     let cases = seal.cases();
     let to_do: Vec<&str> = cases.iter().copied().filter(|case| !unfinished.has(case)).collect();
     if resumed > 0 {
-        eprintln!("going on: {} of {} answered before", resumed, words::count(cases.len() as u64, "case"));
+        progress::note(&format!(
+            "going on: {resumed} of {} answered before",
+            words::count(cases.len() as u64, "case")
+        ));
     }
-    let bar = progress_bar(cases.len() as u64);
-    bar.set_position(resumed as u64);
-    bar.reset_eta();
+    let progress = Progress::of("blind answer");
+    progress.begin("diagnosing", cases.len() as f64, "cases");
+    progress.resume_at(resumed as f64);
     let began = Instant::now();
     let unfinished = Mutex::new(unfinished);
     to_do.into_par_iter().try_for_each(|case| -> Result<(), BlindError> {
@@ -81,10 +84,10 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
             seal.flights(case).iter().map(|file| arguments.folder.join(file)).collect();
         let answer = or_failed(|| blind_answer::diagnosed(&rig, flights));
         unfinished.lock().unwrap_or_else(PoisonError::into_inner).keep(case, answer)?;
-        bar.inc(1);
+        progress.step();
         Ok(())
     })?;
-    bar.finish_and_clear();
+    drop(progress);
     let unfinished = unfinished.into_inner().unwrap_or_else(PoisonError::into_inner);
     let (answers, sha256) = unfinished.finish(output)?;
     let failed = answers.cases.iter().filter(|(_, answer)| answer.verdict == Verdict::Failed);

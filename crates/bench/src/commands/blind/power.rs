@@ -3,11 +3,12 @@ use std::{fmt::Write as _, path::PathBuf};
 use bench_blind::{FormPower, Group, Power, PowerPlan, SeenFrom, THRESHOLDS};
 use clap::Args;
 
-use super::progress_bar;
 use crate::{
     arguments::{Json, RigArgument},
     exit::Exit,
-    files, words,
+    files,
+    progress::Progress,
+    words,
 };
 
 /// Say what a rig's flights can show: how large an effect must be, what is taken for what, which mission helps
@@ -48,9 +49,10 @@ pub fn power(arguments: PowerArguments) -> anyhow::Result<Exit> {
         draws: arguments.draws,
         seed: arguments.seed,
     };
-    let bar = progress_bar(plan.flights() as u64);
-    let power = bench_blind::power(&plan, |done| bar.set_position(done as u64));
-    bar.finish_and_clear();
+    let progress = Progress::of("blind power");
+    progress.begin("flying", plan.flights() as f64, "flights");
+    let power = bench_blind::power(&plan, |done| progress.at(done as f64));
+    drop(progress);
     let power = power?;
     if arguments.json.json {
         words::print_json(&power)?;

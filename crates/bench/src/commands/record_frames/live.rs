@@ -1,7 +1,6 @@
 //! Frames of a real Kinect.
 
 use std::{
-    io::IsTerminal,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -14,12 +13,11 @@ use anyhow::{Context, bail};
 use bench_device::Clock as _;
 use bench_kinect::{FrameSource, fakenect::Recorder, usb};
 use bench_run::WallClock;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::Arguments;
-use crate::{exit::Exit, eyes, words};
+use crate::{exit::Exit, eyes, progress::Progress, words};
 
 /// How long to wait when no frame is there.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -51,13 +49,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             return Ok(Exit::Stopped);
         }
     };
-    let bar = bar(arguments.seconds);
+    let progress = Progress::of("record-frames");
+    progress.begin("recording (Ctrl-C ends it)", arguments.seconds, "s");
     let mut failed = None;
     while clock.now().seconds() < arguments.seconds && !stop.load(Ordering::Relaxed) {
         match streaming.poll_frame() {
             Ok(Some(frame)) => {
                 recorder.write(frame)?;
-                bar.set_position(frame.arrived_at.nanos() / 1_000_000);
+                progress.at(frame.arrived_at.seconds());
             }
             Ok(None) => thread::sleep(PAUSE),
             Err(error) => {
@@ -66,7 +65,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             }
         }
     }
-    bar.finish_and_clear();
+    drop(progress);
     let statistics = streaming.statistics();
     let frames = recorder.finish()?;
     if arguments.json.json {
@@ -96,15 +95,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         return Ok(Exit::DataLoss);
     }
     Ok(Exit::Done)
-}
-
-fn bar(seconds: f64) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("recording {wide_bar} {percent}% (Ctrl-C ends it)")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new((seconds * 1000.0) as u64).with_style(style)
 }
 
 /// Set by Ctrl-C and `kill`.
