@@ -12,6 +12,7 @@ mod eyes;
 mod files;
 mod flight;
 mod model_page;
+mod repeats;
 mod seen;
 mod words;
 

@@ -6,14 +6,19 @@ use bench_recording::diff::{
 };
 use clap::{Args, ValueEnum};
 
-use crate::{exit::Exit, words};
+use crate::{exit::Exit, repeats, words};
 
 /// Compare two recordings, field by field
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench diff sim.mcap lab.mcap
   bench diff sim.mcap lab.mcap --html diff.html --abs position_m.z=0.02
+  bench diff seed-1.mcap seed-1-again.mcap --exact
   bench diff sim.mcap lab.mcap --floor lab-1.mcap lab-2.mcap lab-3.mcap
+
+Tolerances are derived from the rig and mission attached to both recordings: what the rig
+resolves, and how far simulations of them scatter (kept in the cache). Flags and files win over
+them.
 
 Exit code 0: the same or within tolerance; 1: different; 2: cannot be compared. docs/diff.md
 tells the rules.")]
@@ -43,6 +48,9 @@ pub struct Arguments {
     /// Repeats of one flight: what they differ by is tolerated
     #[arg(long, num_args = 2.., value_name = "RECORDING")]
     floor: Vec<PathBuf>,
+    /// No tolerance: whatever is not the same is different
+    #[arg(long, conflicts_with_all = ["tolerances", "abs", "rel", "time", "ignore", "floor"])]
+    exact: bool,
     /// Show every field, not only what matters
     #[arg(long)]
     all: bool,
@@ -67,7 +75,7 @@ enum AlignChoice {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let options = DiffOptions {
+    let mut options = DiffOptions {
         align: match arguments.align {
             AlignChoice::Auto => Align::Auto,
             AlignChoice::None => Align::None,
@@ -76,9 +84,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         },
         tolerances: tolerances(arguments)?,
         floor: arguments.floor.clone(),
+        exact: arguments.exact,
         ..DiffOptions::default()
     };
-    let report = diff(&arguments.a, &arguments.b, &options)?;
+    let mut underived = None;
+    if !arguments.exact && arguments.floor.is_empty() {
+        match repeats::derived(&arguments.a, &arguments.b)? {
+            Ok(derived) => options.derived = Some(derived),
+            Err(why) => underived = Some(why),
+        }
+    }
+    let mut report = diff(&arguments.a, &arguments.b, &options)?;
+    if let Some(why) = underived {
+        report.notes.insert(0, format!("tolerances are the built-in ones, by unit: {why}"));
+    }
     if let Some(page) = &arguments.html {
         std::fs::write(page, render_html(&report))
             .with_context(|| format!("cannot write {}", page.display()))?;
