@@ -75,6 +75,8 @@ const WRONG: &[Wrong] = &[
     ("diff flight.mcap other.mcap --align best", ["best", "possible values"]),
     ("diff flight.mcap other.mcap --abs position_m.z", ["position_m.z", "FIELD=NUMBER"]),
     ("diff flight.mcap other.mcap --html /proc/x.html", ["/proc/x.html", "cannot write"]),
+    ("diff flight.mcap other.mcap --html page.html", ["page.html exists", "--force"]),
+    ("diff flight.mcap other.mcap --exact --ignore pixel.*", ["--exact", "--help"]),
     ("export flight.mcap -o flight.mcap", ["flight.mcap", ".csv, .xlsx, .parquet"]),
     ("export flight.mcap -o new.csv --channel /plant/none", ["/plant/none", "/plant/truth"]),
     ("export empty.mcap -o new.csv", ["empty.mcap", "empty"]),

@@ -1,19 +1,28 @@
 use std::path::PathBuf;
 
-use anyhow::Context;
 use bench_recording::diff::{
     Align, DiffOptions, ToleranceKey, Tolerances, Verdict, diff, render_html, render_text,
 };
 use clap::{Args, ValueEnum};
 
-use crate::{exit::Exit, words};
+use crate::{
+    arguments::{Force, Json, Page},
+    exit::Exit,
+    files::{self, Form, Outputs},
+    repeats, words,
+};
 
 /// Compare two recordings, field by field
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench diff sim.mcap lab.mcap
   bench diff sim.mcap lab.mcap --html diff.html --abs position_m.z=0.02
+  bench diff seed-1.mcap seed-1-again.mcap --exact
   bench diff sim.mcap lab.mcap --floor lab-1.mcap lab-2.mcap lab-3.mcap
+
+Tolerances are derived from the rig and mission attached to both recordings: what the rig
+resolves, and how far simulations of them scatter (kept in the cache). Flags and files win over
+them.
 
 Exit code 0: the same or within tolerance; 1: different; 2: cannot be compared. docs/diff.md
 tells the rules.")]
@@ -43,15 +52,18 @@ pub struct Arguments {
     /// Repeats of one flight: what they differ by is tolerated
     #[arg(long, num_args = 2.., value_name = "RECORDING")]
     floor: Vec<PathBuf>,
+    /// No tolerance: whatever is not the same is different
+    #[arg(long, conflicts_with_all = ["tolerances", "abs", "rel", "time", "ignore", "floor"])]
+    exact: bool,
     /// Show every field, not only what matters
     #[arg(long)]
     all: bool,
-    /// Also write a page with overlaid traces
-    #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
-    /// Print as JSON (schema bench.diff/1)
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    page: Page,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    json: Json,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -67,7 +79,11 @@ enum AlignChoice {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let options = DiffOptions {
+    Outputs::new(arguments.force.force)
+        .and(arguments.page.html.as_deref(), Form::Html)
+        .from([arguments.a.as_path(), arguments.b.as_path()])
+        .check()?;
+    let mut options = DiffOptions {
         align: match arguments.align {
             AlignChoice::Auto => Align::Auto,
             AlignChoice::None => Align::None,
@@ -76,15 +92,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         },
         tolerances: tolerances(arguments)?,
         floor: arguments.floor.clone(),
+        exact: arguments.exact,
         ..DiffOptions::default()
     };
-    let report = diff(&arguments.a, &arguments.b, &options)?;
-    if let Some(page) = &arguments.html {
-        std::fs::write(page, render_html(&report))
-            .with_context(|| format!("cannot write {}", page.display()))?;
-        eprintln!("wrote {}", page.display());
+    let mut underived = None;
+    if !arguments.exact && arguments.floor.is_empty() {
+        match repeats::derived(&arguments.a, &arguments.b)? {
+            Ok(derived) => options.derived = Some(derived),
+            Err(why) => underived = Some(why),
+        }
     }
-    if arguments.json {
+    let mut report = diff(&arguments.a, &arguments.b, &options)?;
+    if let Some(why) = underived {
+        report.notes.insert(0, format!("tolerances are the built-in ones, by unit: {why}"));
+    }
+    if let Some(page) = &arguments.page.html {
+        files::write_and_say(page, &render_html(&report))?;
+    }
+    if arguments.json.json {
         words::print_json(&report)?;
     } else {
         words::print(&render_text(&report, arguments.all))?;

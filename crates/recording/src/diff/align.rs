@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     clock::{ClockFit, fit_clock},
+    pair::Timing,
     report::{Alignment, Coverage, Segment},
-    scan::{Scan, Signal},
+    scan::{Leg, Scan, Signal},
 };
 use crate::Mode;
 
@@ -65,7 +66,7 @@ const CORRELATION_MIN: f64 = 0.7;
 /// A stretch of both recordings in which one shift (and drift) holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Piece {
-    phase: Option<Phase>,
+    leg: Option<&'static str>,
     /// First instant that is shared, ns.
     from_ns: [i64; 2],
     /// First instant that is not, ns.
@@ -82,14 +83,14 @@ pub(super) struct TimeMap {
 
 impl TimeMap {
     fn identity() -> Self {
-        Self { pieces: vec![Piece { phase: None, from_ns: [0; 2], until_ns: [i64::MAX; 2], rate: 1.0 }] }
+        Self { pieces: vec![Piece { leg: None, from_ns: [0; 2], until_ns: [i64::MAX; 2], rate: 1.0 }] }
     }
 
     fn clock(fit: &ClockFit) -> Self {
         let nanos = |seconds: f64| (seconds * 1e9).round() as i64;
         let from_ns = [nanos(fit.reference_s), nanos(fit.reference_s + fit.offset_s)];
         let rate = 1.0 / (1.0 + fit.drift);
-        Self { pieces: vec![Piece { phase: None, from_ns, until_ns: [i64::MAX; 2], rate }] }
+        Self { pieces: vec![Piece { leg: None, from_ns, until_ns: [i64::MAX; 2], rate }] }
     }
 
     /// The instant on A's clock and the number of the piece that it lies in; `None` where the other recording has no
@@ -104,6 +105,17 @@ impl TimeMap {
             return None;
         }
         Some((if side == 0 { t_ns } else { piece.on_a(t_ns) }, index))
+    }
+
+    /// Where the shared part of each piece ends on A's clock because one recording goes on where the other does not, ns; none
+    /// for pieces that end together.
+    pub fn cuts_ns(&self) -> Vec<Option<i64>> {
+        let cut = |(place, piece): (usize, &Piece)| {
+            let next = self.pieces.get(place + 1)?;
+            let goes_on = (0..2).any(|side| next.from_ns[side] > piece.until_ns[side]);
+            goes_on.then_some(piece.until_ns[0])
+        };
+        self.pieces.iter().enumerate().map(cut).collect()
     }
 
     /// The instants of A that have a counterpart, and B's on A's clock, within the recordings' own ends. ns.
@@ -145,10 +157,10 @@ impl Piece {
 }
 
 /// Brings two recordings together as wanted, or as well as they let it be done.
-pub(super) fn align(wanted: Align, a: &Scan, b: &Scan) -> (TimeMap, Alignment) {
+pub(super) fn align(wanted: Align, a: &Scan, b: &Scan, timing: Timing) -> (TimeMap, Alignment) {
     match wanted {
         Align::None => (TimeMap::identity(), unaligned(wanted, "as asked for".to_owned())),
-        Align::Auto if start_together(a, b) => {
+        Align::Auto if timing == Timing::Lockstep && start_together(a, b) => {
             let reason = "both are simulations that start together".to_owned();
             (TimeMap::identity(), unaligned(wanted, reason))
         }
@@ -163,7 +175,7 @@ pub(super) fn align(wanted: Align, a: &Scan, b: &Scan) -> (TimeMap, Alignment) {
 fn start_together(a: &Scan, b: &Scan) -> bool {
     let departure = |scan: &Scan| scan.departure().map(|place| scan.phases[place].1);
     let close = |a_ns: i64, b_ns: i64| a_ns.abs_diff(b_ns) <= SAME_START_NS as u64;
-    let modes = [a, b].map(|scan| scan.recording.session().mode);
+    let modes = [a, b].map(|scan| scan.source.session().mode);
     modes == [Mode::Sim; 2]
         && close(a.first_ns, b.first_ns)
         && match (departure(a), departure(b)) {
@@ -187,26 +199,27 @@ fn by_phase(a: &Scan, b: &Scan) -> Result<Vec<Piece>, String> {
         })
     };
     let (a_first, b_first) = (departure(a, "A")?, departure(b, "B")?);
+    let landings = a.settling_ns.len() == b.settling_ns.len();
+    let (a_legs, b_legs) = (a.legs(landings), b.legs(landings));
     // The first phases belong together whatever they are called; later ones as long as their names agree.
-    let (a_phases, b_phases) = (&a.phases[a_first..], &b.phases[b_first..]);
-    let agreeing = a_phases.iter().zip(b_phases).skip(1).take_while(|(a, b)| a.0 == b.0).count();
+    let (a_legs, b_legs) = (&a_legs[a_first..], &b_legs[b_first..]);
+    let agreeing = a_legs.iter().zip(b_legs).skip(1).take_while(|(a, b)| a.is_like(**b)).count();
     let matched = 1 + agreeing;
-    let idle_ns = (a_phases[0].1 - a.first_ns).min(b_phases[0].1 - b.first_ns);
+    let idle_ns = (a_legs[0].from_ns - a.first_ns).min(b_legs[0].from_ns - b.first_ns);
     let mut pieces = vec![Piece {
-        phase: Some(Phase::Idle),
-        from_ns: [a_phases[0].1 - idle_ns, b_phases[0].1 - idle_ns],
-        until_ns: [a_phases[0].1, b_phases[0].1],
+        leg: Some(Phase::Idle.name()),
+        from_ns: [a_legs[0].from_ns - idle_ns, b_legs[0].from_ns - idle_ns],
+        until_ns: [a_legs[0].from_ns, b_legs[0].from_ns],
         rate: 1.0,
     }];
     for place in 0..matched {
-        let until = |phases: &[(Phase, i64)], last_ns: i64| {
-            if place + 1 < matched { phases[place + 1].1 } else { last_ns.saturating_add(1) }
+        let until = |legs: &[Leg], last_ns: i64| {
+            if place + 1 < matched { legs[place + 1].from_ns } else { last_ns.saturating_add(1) }
         };
-        let from_ns = [a_phases[place].1, b_phases[place].1];
-        let shared_ns =
-            (until(a_phases, a.last_ns) - from_ns[0]).min(until(b_phases, b.last_ns) - from_ns[1]);
+        let from_ns = [a_legs[place].from_ns, b_legs[place].from_ns];
+        let shared_ns = (until(a_legs, a.last_ns) - from_ns[0]).min(until(b_legs, b.last_ns) - from_ns[1]);
         pieces.push(Piece {
-            phase: Some(a_phases[place].0),
+            leg: Some(a_legs[place].name()),
             from_ns,
             until_ns: from_ns.map(|from_ns| from_ns + shared_ns),
             rate: 1.0,
@@ -221,7 +234,7 @@ fn phase_alignment(wanted: Align, pieces: Vec<Piece>, a: &Scan, b: &Scan) -> (Ti
         pieces.get(place + 1).map_or(last_ns, |next| next.from_ns[side])
     };
     let segments = pieces.iter().enumerate().skip(1).map(|(place, piece)| Segment {
-        phase: piece.phase.map_or("", Phase::name).to_owned(),
+        phase: piece.leg.unwrap_or_default().to_owned(),
         a_from_s: seconds(piece.from_ns[0]),
         b_from_s: seconds(piece.from_ns[1]),
         a_duration_s: seconds(end(place, 0, a.last_ns) - piece.from_ns[0]),
@@ -298,7 +311,7 @@ mod tests {
 
     #[test]
     fn what_one_phase_has_more_of_in_one_recording_has_no_counterpart() {
-        let piece = |from_ns, until_ns| Piece { phase: None, from_ns, until_ns, rate: 1.0 };
+        let piece = |from_ns, until_ns| Piece { leg: None, from_ns, until_ns, rate: 1.0 };
         let map = TimeMap { pieces: vec![piece([0, 100], [50, 150]), piece([50, 170], [90, 210])] };
         assert_eq!(map.place(1, 120), Some((20, 0)));
         assert_eq!(map.place(1, 160), None);

@@ -18,8 +18,8 @@ pub(super) fn charts(field: &FieldReport, phases: &[PhaseSpan]) -> String {
     let steps = field.interpolation == Interpolation::Hold;
     open(&mut out, "plot", &values, phases);
     mark(&mut out, &values, field);
-    values.line(&mut out, &trace.a, "a", steps);
-    values.line(&mut out, &trace.b, "b", steps);
+    values.line(&mut out, &within(&trace.a, values.y), "a", steps);
+    values.line(&mut out, &within(&trace.b, values.y), "b", steps);
     values.close(&mut out, if field.unit.is_empty() { "" } else { &field.unit });
     if !trace.difference.is_empty() {
         difference(&mut out, field, trace, phases);
@@ -48,14 +48,41 @@ fn difference(out: &mut String, field: &FieldReport, trace: &Trace, phases: &[Ph
     }
     frame.level(out, 0.0, "zero");
     mark(out, &frame, field);
-    frame.line(out, &trace.difference, "d", false);
+    frame.line(out, &within(&trace.difference, frame.y), "d", false);
     frame.close(out, "B \u{2212} A");
 }
 
-/// The range of the points and of the values that must be seen.
+/// This share of the stretches may lie outside of what is shown at either end, where they are spikes.
+const SPIKES_SHARE: f64 = 0.015;
+/// What is more than so many times as far apart as the rest is a spike.
+const SPIKE_TIMES: f64 = 3.0;
+
+/// The range of the points and of the values that must be seen. A spike, such as that of touching down, does not rule it.
 fn extent(lines: [&[Point]; 2], seen: &[f64]) -> [f64; 2] {
-    let values = lines.into_iter().flatten().flatten().flat_map(|[_, low, high]| [*low, *high]);
+    let points = || lines.into_iter().flatten().flatten();
+    let usual = {
+        let mut lows: Vec<f64> = points().map(|[_, low, _]| *low).collect();
+        let mut highs: Vec<f64> = points().map(|[_, _, high]| *high).collect();
+        lows.sort_by(f64::total_cmp);
+        highs.sort_by(f64::total_cmp);
+        let spikes = (lows.len() as f64 * SPIKES_SHARE).ceil() as usize;
+        let low = lows.get(spikes).copied();
+        low.zip(highs.len().checked_sub(spikes + 1).and_then(|place| highs.get(place).copied()))
+    };
+    let values = points().flat_map(|[_, low, high]| [*low, *high]);
+    if let Some((low, high)) = usual.filter(|(low, high)| high > low) {
+        let (least, most) = values.clone().fold((low, high), |(l, h), x| (l.min(x), h.max(x)));
+        if most - least > SPIKE_TIMES * (high - low) {
+            return range([low, high].into_iter().chain(seen.iter().copied()));
+        }
+    }
     range(values.chain(seen.iter().copied()))
+}
+
+/// The points, those outside of a range at its edge.
+fn within(line: &[Point], [low, high]: [f64; 2]) -> Vec<Point> {
+    let cut = |[t, least, greatest]: [f64; 3]| [t, least.clamp(low, high), greatest.clamp(low, high)];
+    line.iter().map(|point| point.map(cut)).collect()
 }
 
 fn open(out: &mut String, class: &str, frame: &Frame, phases: &[PhaseSpan]) {
@@ -106,4 +133,22 @@ pub(super) fn phase_row(out: &mut String, name: &str, phases: &[PhaseSpan], shif
         }
     }
     out.push_str("</div>");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spike_does_not_rule_the_picture_but_a_step_does() {
+        let line = |value: fn(usize) -> f64| -> Vec<Point> {
+            (0..240).map(|i| Some([i as f64, value(i), value(i)])).collect()
+        };
+        let spiked = line(|i| if i == 200 { 50.0 } else { (i as f64 * 0.1).sin() });
+        let [low, high] = extent([&spiked, &[]], &[]);
+        assert!(high < 2.0 && low > -2.0, "{low} to {high}");
+        assert!(within(&spiked, [low, high]).iter().flatten().all(|[_, _, most]| *most <= high));
+        let stepped = line(|i| if i > 220 { 50.0 } else { (i as f64 * 0.1).sin() });
+        assert!(extent([&stepped, &[]], &[])[1] >= 50.0);
+    }
 }

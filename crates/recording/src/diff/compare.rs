@@ -63,6 +63,9 @@ pub(super) struct Tally {
     pub squares: f64,
     pub largest: f64,
     pub largest_ns: i64,
+    /// What remains after the time tolerance: largest, and sum of squares.
+    pub largest_off: f64,
+    off_squares: f64,
     pub beyond: u64,
     pub first_ns: Option<i64>,
     /// Values at the first sample beyond, A's and B's.
@@ -75,6 +78,15 @@ pub(super) struct Tally {
 impl Tally {
     pub fn rms(&self) -> f64 {
         (self.squares / self.count.max(1) as f64).sqrt()
+    }
+
+    /// Root of the mean square of what remains after the time tolerance.
+    pub fn rms_off(&self) -> f64 {
+        (self.off_squares / self.count.max(1) as f64).sqrt()
+    }
+
+    pub fn mean(&self) -> f64 {
+        self.sum / self.count.max(1) as f64
     }
 }
 
@@ -206,9 +218,11 @@ fn match_sample(law: Law, sample: Sample, other: &Track, within_ns: i64) -> Opti
 }
 
 /// One field of both recordings.
-struct FieldMerge {
+struct FieldMerge<'a> {
     setup: Setup,
     within_ns: i64,
+    /// Where pieces of the alignment are cut short.
+    cuts_ns: &'a [Option<i64>],
     tracks: [Track; 2],
     /// Instants of which both recordings have samples of anything; events outside are not looked for.
     shared_ns: (i64, i64),
@@ -217,13 +231,14 @@ struct FieldMerge {
     trace: Option<TraceBuilder>,
 }
 
-impl FieldMerge {
-    fn new(setup: Setup, shared_ns: (i64, i64), axis: Option<Axis>) -> Self {
+impl<'a> FieldMerge<'a> {
+    fn new(setup: Setup, shared_ns: (i64, i64), cuts_ns: &'a [Option<i64>], axis: Option<Axis>) -> Self {
         let gap_ns = setup.gaps_ns[0].max(setup.gaps_ns[1]);
         let draws = !setup.law.names && setup.law.interpolation != Interpolation::None;
         Self {
             within_ns: (setup.tolerance.time_s * 1e9).round() as i64,
             tracks: setup.gaps_ns.map(Track::new),
+            cuts_ns,
             shared_ns,
             tally: Tally::default(),
             series: (setup.lag && !setup.law.exact && !setup.law.wraps)
@@ -268,6 +283,11 @@ impl FieldMerge {
 
     fn judge(&mut self, side: usize, sample: Sample) {
         let Setup { law, tolerance, .. } = self.setup;
+        // What answers to a sample may come later, by the time tolerance, and so lie in what is not compared.
+        let cut_ns = self.cuts_ns.get(sample.piece as usize).copied().flatten();
+        if self.within_ns > 0 && cut_ns.is_some_and(|cut_ns| sample.t_ns > cut_ns - self.within_ns) {
+            return;
+        }
         let other = &self.tracks[1 - side];
         let Some(found) = match_sample(law, sample, other, self.within_ns) else {
             let expected = law.interpolation == Interpolation::None
@@ -282,7 +302,7 @@ impl FieldMerge {
         let there = sample.value + found.now;
         if !law.names {
             let b_less_a = if side == 0 { found.now } else { -found.now };
-            self.tally.add(sample.t_ns, b_less_a, tolerance.rms);
+            self.tally.add(sample.t_ns, b_less_a, found.off, tolerance.rms);
             if let Some(trace) = &mut self.trace {
                 trace.difference(sample.t_ns, b_less_a);
             }
@@ -316,15 +336,17 @@ impl FieldMerge {
 }
 
 impl Tally {
-    fn add(&mut self, t_ns: i64, b_less_a: f64, rms_limit: Option<f64>) {
+    fn add(&mut self, t_ns: i64, b_less_a: f64, off: f64, rms_limit: Option<f64>) {
         let size = b_less_a.abs();
         self.count += 1;
         self.sum += b_less_a;
         self.squares += size * size;
+        self.off_squares += off * off;
+        self.largest_off = self.largest_off.max(off);
         if size > self.largest {
             (self.largest, self.largest_ns) = (size, t_ns);
         }
-        if rms_limit.is_some_and(|limit| size > limit) {
+        if rms_limit.is_some_and(|limit| off > limit) {
             // Samples of A and B are compared in turns, each in order.
             self.first_over_rms_ns = Some(self.first_over_rms_ns.map_or(t_ns, |first| first.min(t_ns)));
         }
@@ -373,8 +395,9 @@ pub(super) fn compare(
         b_ends[0].map_or(a.first_ns, |t| t.max(a.first_ns)),
         b_ends[1].map_or(a.last_ns, |t| t.min(a.last_ns)),
     );
-    let merge = |setup: &Option<Setup>| setup.map(|setup| FieldMerge::new(setup, shared_ns, axis));
-    let mut merges: Vec<Option<FieldMerge>> = setups.iter().map(merge).collect();
+    let cuts_ns = map.cuts_ns();
+    let merge = |setup: &Option<Setup>| setup.map(|setup| FieldMerge::new(setup, shared_ns, &cuts_ns, axis));
+    let mut merges: Vec<Option<FieldMerge<'_>>> = setups.iter().map(merge).collect();
     let mut names = Names::default();
     let channels = Channel::ALL;
     // A file that is out of order is read once a channel: each for itself is in order, or nothing is.
@@ -391,7 +414,7 @@ fn read_both(
     b: &Scan,
     map: &TimeMap,
     channels: &[Channel],
-    merges: &mut [Option<FieldMerge>],
+    merges: &mut [Option<FieldMerge<'_>>],
     names: &mut Names,
 ) -> Result<(), RecordingError> {
     let entries = catalogue();

@@ -69,12 +69,8 @@ fn phases(out: &mut String, report: &DiffReport) {
     out.push_str("<h2>Alignment</h2><section class=\"card\">");
     let _ = write!(out, "<p>{}</p>", escaped(&capitalised(&text::alignment(report))));
     let _ = write!(out, "<p>{}</p>", escaped(&capitalised(&text::coverage(report))));
-    if !report.floor.is_empty() {
-        let _ = write!(
-            out,
-            "<p class=\"soft\">Tolerances from the differences among {} repeats</p>",
-            report.floor.len()
-        );
+    if let Some(origin) = text::tolerances(report) {
+        let _ = write!(out, "<p class=\"soft\">{}</p>", escaped(&capitalised(&origin)));
     }
     for note in &report.notes {
         let _ = write!(out, "<p class=\"soft\">{}</p>", escaped(&capitalised(note)));
@@ -187,7 +183,7 @@ fn facts(field: &FieldReport) -> String {
         }
     }
     if let Some(limit) = &field.tolerance {
-        facts.push(("tolerance", text::tolerance(limit, unit)));
+        facts.push(("tolerance", format!("{} ({})", text::tolerance(limit, unit), text::origin(limit))));
     }
     if let Some(lag) = &field.lag {
         let word = if lag.lag_s >= 0.0 { "later" } else { "earlier" };

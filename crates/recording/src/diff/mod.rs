@@ -13,6 +13,7 @@ mod align;
 mod chart;
 mod clock;
 mod compare;
+mod derived;
 mod error;
 mod html;
 mod keys;
@@ -29,20 +30,21 @@ mod verdict;
 use std::path::{Path, PathBuf};
 
 pub use align::Align;
+pub use derived::{Derived, Repeats};
 pub use error::DiffError;
 pub use html::render_html;
 pub use keys::tolerance_keys;
 pub use law::Interpolation;
 pub use report::{
-    Alignment, Coverage, DiffReport, Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason,
+    Alignment, Coverage, DerivedFrom, DiffReport, Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason,
     RecordingSummary, Samples, Segment, Tolerance, ToleranceOrigin, Trace, Verdict,
 };
 pub use text::render_text;
 pub use tolerance::{ToleranceKey, Tolerances};
 
-use pair::Pair;
+use pair::{Pair, Timing};
 use scan::Scan;
-use tolerance::Limits;
+use tolerance::{Limits, Measured};
 
 /// How to compare.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +55,10 @@ pub struct DiffOptions {
     pub tolerances: Tolerances,
     /// Two or more recordings of the same thing, whose differences become the tolerances. Empty: built-in ones.
     pub floor: Vec<PathBuf>,
+    /// What tolerances are derived from. `None`: nothing; the built-in ones hold, or the floor.
+    pub derived: Option<Derived>,
+    /// No tolerance at all: what is not the same is different. Stands alone.
+    pub exact: bool,
     /// Whether time stamps, counters, durations and events count in the verdict. `None`: if both are simulations.
     pub bookkeeping: Option<bool>,
     /// The share of the longer flight that both must hold, 0 to 1, for the verdict to pass.
@@ -67,6 +73,8 @@ impl Default for DiffOptions {
             align: Align::Auto,
             tolerances: Tolerances::default(),
             floor: Vec::new(),
+            derived: None,
+            exact: false,
             bookkeeping: None,
             coverage_min: 0.8,
             trace_stretches: 240,
@@ -79,6 +87,12 @@ impl DiffOptions {
         let bad = |option, value: String, expected| Err(DiffError::BadOption { option, value, expected });
         if self.floor.len() == 1 {
             return bad("floor", "1 recording".to_owned(), "two or more recordings of the same thing");
+        }
+        if self.exact && (!self.floor.is_empty() || self.derived.is_some() || !self.tolerances.is_empty()) {
+            return bad("exact", "true".to_owned(), "false where tolerances are given or derived");
+        }
+        if self.derived.is_some() && !self.floor.is_empty() {
+            return bad("derived", "given".to_owned(), "absent beside a floor of repeats");
         }
         if !(0.0..=1.0).contains(&self.coverage_min) {
             return bad("coverage_min", self.coverage_min.to_string(), "from 0 to 1");
@@ -96,14 +110,23 @@ pub fn diff(a: &Path, b: &Path, options: &DiffOptions) -> Result<DiffReport, Dif
     options.check()?;
     let floors = pair::floors(options)?;
     let (a, b) = (Scan::read(a)?, Scan::read(b)?);
-    let pair = Pair::new(&a, &b, options.align);
+    let timing = if options.derived.is_some() { Timing::Real } else { Timing::Lockstep };
+    let pair = Pair::new(&a, &b, options.align, timing);
     let limits: Vec<Limits> = pair
         .entries
         .iter()
         .enumerate()
         .map(|(slot, entry)| {
+            if options.exact {
+                return Limits { tolerance: Tolerance::exact(ToleranceOrigin::Exact), ignored: false };
+            }
             let floor = floors.as_ref().and_then(|floors| floors[slot].as_ref());
-            options.tolerances.limits(entry, pair.unit(entry), pair.sampling_s(slot), floor)
+            let measured = match (floor, &options.derived) {
+                (Some(floor), _) => Measured::Floor(floor),
+                (None, Some(derived)) => Measured::Derived(derived),
+                (None, None) => Measured::Nothing,
+            };
+            options.tolerances.limits(entry, pair.unit(entry), pair.sampling_s(slot), measured)
         })
         .collect();
     let outcomes = pair.compare(|slot| limits[slot].tolerance, Some(options.trace_stretches))?;

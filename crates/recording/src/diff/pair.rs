@@ -17,6 +17,15 @@ const HELD_INTERVALS: f64 = 1.5;
 /// But not more than this, s.
 const HELD_MAX_S: f64 = 0.5;
 
+/// Whether two simulations may tick together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Timing {
+    /// Two simulations on one clock do.
+    Lockstep,
+    /// Each recording has a time of its own, as a flight in real time has.
+    Real,
+}
+
 pub(super) struct Pair<'a> {
     pub a: &'a Scan,
     pub b: &'a Scan,
@@ -24,17 +33,18 @@ pub(super) struct Pair<'a> {
     pub alignment: Alignment,
     pub coverage: Coverage,
     map: TimeMap,
+    timing: Timing,
 }
 
 impl<'a> Pair<'a> {
-    pub fn new(a: &'a Scan, b: &'a Scan, wanted: Align) -> Self {
-        let (map, alignment) = align(wanted, a, b);
+    pub fn new(a: &'a Scan, b: &'a Scan, wanted: Align, timing: Timing) -> Self {
+        let (map, alignment) = align(wanted, a, b, timing);
         let coverage = coverage(&map, a, b);
-        Self { a, b, entries: catalogue(), alignment, coverage, map }
+        Self { a, b, entries: catalogue(), alignment, coverage, map, timing }
     }
 
     pub fn modes(&self) -> [Mode; 2] {
-        [self.a, self.b].map(|scan| scan.recording.session().mode)
+        [self.a, self.b].map(|scan| scan.source.session().mode)
     }
 
     /// The unit of a field, A's where they differ.
@@ -58,7 +68,9 @@ impl<'a> Pair<'a> {
 
     /// The time tolerance of a field unless one is given, s.
     pub fn sampling_s(&self, slot: usize) -> f64 {
-        let one_clock = self.modes() == [Mode::Sim; 2] && self.alignment.used == Align::None;
+        let one_clock = self.timing == Timing::Lockstep
+            && self.modes() == [Mode::Sim; 2]
+            && self.alignment.used == Align::None;
         if one_clock || self.entries[slot].law.interpolation == Interpolation::Linear {
             return 0.0;
         }
@@ -99,14 +111,10 @@ pub(super) fn floors(options: &DiffOptions) -> Result<Option<Vec<Option<Floor>>>
     let mut floors: Vec<Option<Floor>> = vec![None; catalogue().len()];
     for (place, a) in scans.iter().enumerate() {
         for b in &scans[place + 1..] {
-            let pair = Pair::new(a, b, options.align);
+            let pair = Pair::new(a, b, options.align, Timing::Lockstep);
             let exact = |slot| Tolerance {
-                absolute: 0.0,
-                relative: 0.0,
                 time_s: pair.sampling_s(slot),
-                rms: None,
-                share: None,
-                origin: ToleranceOrigin::Floor,
+                ..Tolerance::exact(ToleranceOrigin::Floor)
             };
             for (floor, outcome) in floors.iter_mut().zip(pair.compare(exact, None)?) {
                 if let Some(outcome) = outcome {

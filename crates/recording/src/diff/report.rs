@@ -22,6 +22,8 @@ pub struct DiffReport {
     pub coverage: Coverage,
     /// The repeat recordings that tolerances were derived from.
     pub floor: Vec<String>,
+    /// The rig that tolerances were derived from, where they were.
+    pub derived: Option<DerivedFrom>,
     /// What a reader should know about how it was compared.
     pub notes: Vec<String>,
     /// Every field that either recording has, those that matter most first.
@@ -71,6 +73,19 @@ impl Verdict {
             Self::NotComparable => "not comparable",
         }
     }
+}
+
+/// What tolerances were derived from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DerivedFrom {
+    /// The rig's name.
+    pub rig: String,
+    /// The mission's name.
+    pub mission: String,
+    /// How many simulations of both; 0: the rig's numbers alone.
+    pub simulations: usize,
+    /// Chance that two more of them are called different, all fields together.
+    pub family_error: f64,
 }
 
 /// One of the two recordings.
@@ -290,12 +305,21 @@ pub struct Tolerance {
     pub relative: f64,
     /// s
     pub time_s: f64,
-    /// Largest RMS difference, from repeats.
+    /// Largest RMS of what remains of the difference after `time_s`, from repeats.
     pub rms: Option<f64>,
+    /// Largest size of the mean difference, from simulated repeats.
+    pub mean: Option<f64>,
     /// Largest share of samples beyond it, from repeats; for names and flags.
     pub share: Option<f64>,
     /// Where it comes from.
     pub origin: ToleranceOrigin,
+}
+
+impl Tolerance {
+    /// No tolerance at all.
+    pub(super) const fn exact(origin: ToleranceOrigin) -> Self {
+        Self { absolute: 0.0, relative: 0.0, time_s: 0.0, rms: None, mean: None, share: None, origin }
+    }
 }
 
 /// Where a tolerance comes from.
@@ -304,6 +328,12 @@ pub struct Tolerance {
 pub enum ToleranceOrigin {
     /// Built in, by unit.
     Default,
+    /// No tolerance was wanted.
+    Exact,
+    /// What the rig attached to the recordings resolves.
+    Rig,
+    /// The differences among simulations of the rig and mission attached to the recordings.
+    Repeats,
     /// The differences among repeat recordings.
     Floor,
     /// A file or a flag.

@@ -9,7 +9,7 @@ use super::{
     law::{Cell, Extractor, catalogue},
     series::Series,
 };
-use crate::{Channel, Field, Record, Recording, RecordingError};
+use crate::{Channel, Field, Mode, Record, Recording, RecordingError, Session};
 
 /// Phases beyond so many are not kept: no mission has them.
 const PHASES_MAX: usize = 1000;
@@ -118,13 +118,72 @@ impl Signal {
     }
 }
 
+/// Where records come from, as often as wanted.
+pub(super) enum Source {
+    File(Recording),
+    Memory(Session, Vec<Record>),
+}
+
+impl Source {
+    pub fn memory(session: Session, records: Vec<Record>) -> Self {
+        Self::Memory(session, records)
+    }
+
+    pub fn session(&self) -> &Session {
+        match self {
+            Self::File(recording) => recording.session(),
+            Self::Memory(session, _) => session,
+        }
+    }
+
+    /// The file's name; empty where there is none.
+    pub fn name(&self) -> String {
+        match self {
+            Self::File(recording) => recording.path().display().to_string(),
+            Self::Memory(..) => String::new(),
+        }
+    }
+
+    fn records(
+        &self,
+    ) -> Result<Box<dyn Iterator<Item = Result<Record, RecordingError>> + '_>, RecordingError> {
+        Ok(match self {
+            Self::File(recording) => Box::new(recording.records()?),
+            Self::Memory(_, records) => Box::new(records.iter().copied().map(Ok)),
+        })
+    }
+}
+
+/// A stretch of a flight whose start is known in every recording of the mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Leg {
+    pub phase: Phase,
+    /// The controller takes the airframe for down in it.
+    pub down: bool,
+    pub from_ns: i64,
+}
+
+impl Leg {
+    pub const fn name(self) -> &'static str {
+        if self.down { "down" } else { self.phase.name() }
+    }
+
+    pub fn is_like(self, other: Self) -> bool {
+        (self.phase, self.down) == (other.phase, other.down)
+    }
+}
+
 /// What a pass over a recording found.
 pub(super) struct Scan {
-    pub recording: Recording,
+    pub source: Source,
     /// By slot of the catalogue.
     pub fields: Vec<Seen>,
     /// Each phase with its first instant, ns.
     pub phases: Vec<(Phase, i64)>,
+    /// When the controller took the airframe for down in each landing, ns.
+    pub settling_ns: Vec<i64>,
+    /// Whether it does in the landing that goes on.
+    settling: bool,
     pub signals: [Series; Signal::ALL.len()],
     pub records: u64,
     pub first_ns: i64,
@@ -137,23 +196,29 @@ pub(super) struct Scan {
 
 impl Scan {
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
-        let recording = Recording::open(path)?;
-        let rig = recording.session().rig_toml.as_ref().map(|text| Rig::read(Path::new("rig.toml"), text));
+        Self::of(Source::File(Recording::open(path)?))
+    }
+
+    pub fn of(source: Source) -> Result<Self, RecordingError> {
+        let rig = source.session().rig_toml.as_ref().map(|text| Rig::read(Path::new("rig.toml"), text));
         let mut scan = Self {
             fields: vec![Seen::default(); catalogue().len()],
             phases: Vec::new(),
+            settling_ns: Vec::new(),
+            settling: false,
             signals: [Series::new(), Series::new(), Series::new()],
             records: 0,
             first_ns: i64::MAX,
             last_ns: i64::MIN,
             disorder_ns: 0,
             actuation: rig.and_then(Result::ok).map(|rig| rig.airframe.actuation.unit()),
-            recording,
+            source: Source::memory(Session::new(Mode::Sim), Vec::new()),
         };
         let mut extractor = Extractor::new();
-        for record in scan.recording.records()? {
+        for record in source.records()? {
             scan.take(&record?, &mut extractor);
         }
+        scan.source = source;
         Ok(scan)
     }
 
@@ -174,7 +239,38 @@ impl Scan {
             && self.phases.len() < PHASES_MAX
         {
             self.phases.push((state.phase, t_ns));
+            self.settling = false;
         }
+        self.see_settling(record);
+    }
+
+    /// Once it takes the airframe for down, the controller leaves the closed loop, which alone has an integral and a speed to
+    /// hold: the instant of a landing that every recording with phases has, to an iteration.
+    fn see_settling(&mut self, record: &Record) {
+        if let Record::ControlState(state) = record
+            && state.phase == Phase::Land
+            && state.integral_n == 0.0
+            && state.vertical_speed_setpoint_m_s == 0.0
+            && !self.settling
+        {
+            self.settling = true;
+            self.settling_ns.push(nanos(state.time));
+        }
+    }
+
+    /// The phases with their first instants, ns; a landing is two, before and after the airframe is down.
+    pub fn legs(&self, landings: bool) -> Vec<Leg> {
+        let mut legs: Vec<Leg> = self
+            .phases
+            .iter()
+            .map(|(phase, from_ns)| Leg { phase: *phase, down: false, from_ns: *from_ns })
+            .collect();
+        if landings {
+            let down = |from_ns: &i64| Leg { phase: Phase::Land, down: true, from_ns: *from_ns };
+            legs.extend(self.settling_ns.iter().map(down));
+            legs.sort_by_key(|leg| (leg.from_ns, leg.down));
+        }
+        legs
     }
 
     /// The first instant outside of the idle phase that follows an idle one, and its place among the phases.
@@ -207,12 +303,12 @@ impl Scan {
     pub fn sorted(
         &self,
         channels: &[Channel],
-    ) -> Result<Sorted<impl Iterator<Item = Result<Record, RecordingError>>>, RecordingError> {
+    ) -> Result<Sorted<impl Iterator<Item = Result<Record, RecordingError>> + '_>, RecordingError> {
         let channels = channels.to_vec();
         let wanted = move |record: &Result<Record, RecordingError>| {
             record.as_ref().map_or(true, |record| channels.contains(&record.channel()))
         };
-        Ok(Sorted::new(self.recording.records()?.filter(wanted), self.disorder_ns.min(DISORDER_MAX_NS)))
+        Ok(Sorted::new(self.source.records()?.filter(wanted), self.disorder_ns.min(DISORDER_MAX_NS)))
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use bench_page::digits;
 
-use super::{Align, DiffReport, FieldReport, RecordingSummary, Tolerance, Verdict};
+use super::{Align, DiffReport, FieldReport, RecordingSummary, Tolerance, ToleranceOrigin, Verdict};
 
 /// A number with its unit; ratios have none that is written.
 pub(super) fn quantity(x: f64, unit: &str) -> String {
@@ -111,6 +111,9 @@ pub(super) fn tolerance(tolerance: &Tolerance, unit: &str) -> String {
     if let Some(rms) = tolerance.rms {
         let _ = write!(text, ", rms {}", quantity(rms, unit));
     }
+    if let Some(mean) = tolerance.mean {
+        let _ = write!(text, ", mean {}", quantity(mean, unit));
+    }
     if tolerance.time_s > 0.0 {
         let _ = write!(text, " in {} s", digits(tolerance.time_s));
     }
@@ -155,6 +158,35 @@ pub(super) fn alignment(report: &DiffReport) -> String {
     }
 }
 
+/// What tolerances come from, in a line; `None` where they are built in.
+pub(super) fn tolerances(report: &DiffReport) -> Option<String> {
+    if !report.floor.is_empty() {
+        return Some(format!("tolerances from the differences among {} repeats", report.floor.len()));
+    }
+    let derived = report.derived.as_ref()?;
+    let simulations = match derived.simulations {
+        0 => String::new(),
+        count => format!(" and {count} simulations of it in mission {}", derived.mission),
+    };
+    Some(format!(
+        "tolerances derived from rig {} (tracker, loop, output){simulations}; --exact compares without, --abs, --rel, --time and \
+         --tolerances give others",
+        derived.rig
+    ))
+}
+
+/// Where a field's tolerance comes from.
+pub(super) const fn origin(tolerance: &Tolerance) -> &'static str {
+    match tolerance.origin {
+        ToleranceOrigin::Default => "built in",
+        ToleranceOrigin::Exact => "exact",
+        ToleranceOrigin::Rig => "rig",
+        ToleranceOrigin::Repeats => "repeats",
+        ToleranceOrigin::Floor => "floor",
+        ToleranceOrigin::Given => "given",
+    }
+}
+
 /// What a recording is, in a line.
 pub(super) fn recording(summary: &RecordingSummary) -> String {
     let mut parts = vec![summary.mode.clone()];
@@ -191,14 +223,14 @@ pub fn render_text(report: &DiffReport, all: bool) -> String {
         let _ = writeln!(text, "{name}  {}: {}", summary.path, recording(summary));
     }
     let _ = writeln!(text, "{}; {}", alignment(report), coverage(report));
-    if !report.floor.is_empty() {
-        let _ = writeln!(text, "tolerances from the differences among {} repeats", report.floor.len());
+    if let Some(origin) = tolerances(report) {
+        let _ = writeln!(text, "{origin}");
     }
     for note in &report.notes {
         let _ = writeln!(text, "note: {note}");
     }
     let matters = |field: &&FieldReport| all || (field.counts() && !field.verdict.passes());
-    let rows: Vec<[String; 8]> = report.fields.iter().filter(matters).map(row).collect();
+    let rows: Vec<[String; COLUMNS]> = report.fields.iter().filter(matters).map(row).collect();
     if !rows.is_empty() {
         text.push('\n');
         table(&mut text, &rows);
@@ -210,10 +242,12 @@ pub fn render_text(report: &DiffReport, all: bool) -> String {
     text
 }
 
-const HEADINGS: [&str; 8] =
-    ["field", "verdict", "largest", "at [s]", "rms", "tolerance", "x tol.", "lag [s]"];
+const COLUMNS: usize = 10;
 
-fn row(field: &FieldReport) -> [String; 8] {
+const HEADINGS: [&str; COLUMNS] =
+    ["field", "verdict", "largest", "at [s]", "rms", "mean", "tolerance", "from", "x tol.", "lag [s]"];
+
+fn row(field: &FieldReport) -> [String; COLUMNS] {
     let difference = field.difference.as_ref();
     let number = |x: Option<f64>| x.map_or_else(String::new, digits);
     let with_unit = |x: Option<f64>| x.map_or_else(String::new, |x| quantity(x, &field.unit));
@@ -234,24 +268,26 @@ fn row(field: &FieldReport) -> [String; 8] {
             .and_then(|difference| difference.largest_at_s.or(difference.first_s))
             .map_or_else(String::new, |at_s| format!("{at_s:.2}")),
         with_unit(difference.and_then(|difference| difference.rms)),
+        with_unit(difference.and_then(|difference| difference.mean)),
         field.tolerance.as_ref().map_or_else(String::new, |limit| tolerance(limit, &field.unit)),
+        field.tolerance.as_ref().map_or_else(String::new, |limit| origin(limit).to_owned()),
         number(difference.and_then(|difference| difference.times_tolerance)),
         field.lag.map_or_else(String::new, |lag| format!("{:+.3}", lag.lag_s)),
     ]
 }
 
 /// Columns as wide as they need to be; names to the left, numbers to the right.
-fn table(text: &mut String, rows: &[[String; 8]]) {
+fn table(text: &mut String, rows: &[[String; COLUMNS]]) {
     let headings = HEADINGS.map(str::to_owned);
     let lines = || std::iter::once(&headings).chain(rows);
-    let widths: [usize; 8] =
+    let widths: [usize; COLUMNS] =
         std::array::from_fn(|column| lines().map(|line| line[column].chars().count()).max().unwrap_or(0));
     for line in lines() {
         let mut out = String::new();
         for (column, (cell, width)) in line.iter().zip(widths).enumerate() {
             let gap = if column == 0 { "" } else { "  " };
             let _ = match column {
-                0 | 1 | 5 => write!(out, "{gap}{cell:<width$}"),
+                0 | 1 | 6 | 7 => write!(out, "{gap}{cell:<width$}"),
                 _ => write!(out, "{gap}{cell:>width$}"),
             };
         }

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use super::{
     DiffError,
     compare::Outcome,
+    derived::Derived,
     law::{Entry, Interpolation, catalogue},
     report::{Tolerance, ToleranceOrigin},
 };
@@ -104,6 +105,11 @@ impl Tolerances {
         Ok(Self { rules })
     }
 
+    /// Whether there are no rules.
+    pub fn is_empty(&self) -> bool {
+        self.rules.is_empty()
+    }
+
     /// Adds the rules of another set, which win over those already there.
     pub fn extend(&mut self, others: Self) {
         self.rules.extend(others.rules);
@@ -137,16 +143,32 @@ impl Tolerances {
     }
 
     /// What holds for a field. `sampling_s` is the time tolerance unless a rule sets one.
-    pub(super) fn limits(&self, entry: &Entry, unit: &str, sampling_s: f64, floor: Option<&Floor>) -> Limits {
+    pub(super) fn limits(
+        &self,
+        entry: &Entry,
+        unit: &str,
+        sampling_s: f64,
+        measured: Measured<'_>,
+    ) -> Limits {
         let mut limits = Limits { tolerance: default_tolerance(entry, unit, sampling_s), ignored: false };
-        if let Some(floor) = floor {
-            floor.apply(entry, &mut limits.tolerance);
+        match measured {
+            Measured::Nothing => {}
+            Measured::Floor(floor) => floor.apply(entry, &mut limits.tolerance),
+            Measured::Derived(derived) => derived.apply(entry, sampling_s, &mut limits.tolerance),
         }
         for rule in self.rules.iter().filter(|rule| rule.matches(entry, unit)) {
             rule.apply(&mut limits);
         }
         limits
     }
+}
+
+/// What is known of a field beyond what is built in.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Measured<'a> {
+    Nothing,
+    Floor(&'a Floor),
+    Derived(&'a Derived),
 }
 
 /// What holds for a field.
@@ -156,17 +178,10 @@ pub(super) struct Limits {
     pub ignored: bool,
 }
 
-fn default_tolerance(entry: &Entry, unit: &str, sampling_s: f64) -> Tolerance {
+pub(super) fn default_tolerance(entry: &Entry, unit: &str, sampling_s: f64) -> Tolerance {
     let by_unit = DEFAULTS.iter().find(|(of, ..)| *of == unit && !entry.law.exact);
     let (absolute, relative) = by_unit.map_or((0.0, 0.0), |(_, absolute, relative)| (*absolute, *relative));
-    Tolerance {
-        absolute,
-        relative,
-        time_s: sampling_s,
-        rms: None,
-        share: None,
-        origin: ToleranceOrigin::Default,
-    }
+    Tolerance { absolute, relative, time_s: sampling_s, ..Tolerance::exact(ToleranceOrigin::Default) }
 }
 
 impl Rule {
@@ -211,7 +226,7 @@ impl Rule {
             // Whoever gives a tolerance means all of it: nothing built in or measured is left beside it.
             if tolerance.origin != ToleranceOrigin::Given {
                 (tolerance.absolute, tolerance.relative) = (0.0, 0.0);
-                (tolerance.rms, tolerance.share) = (None, None);
+                (tolerance.rms, tolerance.mean, tolerance.share) = (None, None, None);
             }
             tolerance.origin = ToleranceOrigin::Given;
         }
@@ -247,8 +262,8 @@ impl Floor {
     /// Adds what one pair of repeats differs by, compared without tolerance.
     pub fn add(&mut self, pair: &Outcome) {
         let compared = pair.compared[0] + pair.compared[1];
-        self.largest = self.largest.max(pair.tally.largest);
-        self.rms = self.rms.max(pair.tally.rms());
+        self.largest = self.largest.max(pair.tally.largest_off);
+        self.rms = self.rms.max(pair.tally.rms_off());
         self.share = self.share.max(pair.tally.beyond as f64 / compared.max(1) as f64);
     }
 
@@ -287,11 +302,14 @@ mod tests {
                     [[tolerance]]\nfield = \"/tracker/position/position_m.z\"\nrelative = 0.2\ntime_s = 0.3\n";
         let mut tolerances = Tolerances::read(Path::new("t.toml"), text).expect("sound");
         tolerances.add_flag(ToleranceKey::Absolute, "position_m.x=0.7").expect("sound");
-        let z = tolerances.limits(&entry("/tracker/position/position_m.z"), "m", 0.0, None).tolerance;
+        let z = tolerances
+            .limits(&entry("/tracker/position/position_m.z"), "m", 0.0, Measured::Nothing)
+            .tolerance;
         assert_eq!((z.absolute, z.relative, z.time_s), (0.1, 0.2, 0.3));
-        let x = tolerances.limits(&entry("/plant/truth/position_m.x"), "m", 0.0, None).tolerance;
+        let x = tolerances.limits(&entry("/plant/truth/position_m.x"), "m", 0.0, Measured::Nothing).tolerance;
         assert_eq!((x.absolute, x.relative, x.origin), (0.7, 0.0, ToleranceOrigin::Given));
-        let speed = tolerances.limits(&entry("/plant/truth/velocity_m_s.x"), "m/s", 0.0, None).tolerance;
+        let speed =
+            tolerances.limits(&entry("/plant/truth/velocity_m_s.x"), "m/s", 0.0, Measured::Nothing).tolerance;
         assert_eq!(speed.origin, ToleranceOrigin::Default);
     }
 

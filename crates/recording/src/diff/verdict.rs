@@ -3,6 +3,7 @@
 use super::{
     DiffOptions, DiffReport, Verdict,
     compare::Outcome,
+    derived::Derived,
     law::{Interpolation, Law},
     pair::Pair,
     report::{
@@ -47,6 +48,7 @@ pub(super) fn report(
         alignment: pair.alignment.clone(),
         coverage,
         floor: options.floor.iter().map(|path| path.display().to_string()).collect(),
+        derived: options.derived.as_ref().map(Derived::told),
         notes: Vec::new(),
         fields,
     };
@@ -144,8 +146,13 @@ fn judge(outcome: &Outcome, tolerance: &Tolerance, samples: Samples) -> Verdict 
     }
     let compared = outcome.compared[0] + outcome.compared[1];
     let allowed = tolerance.share.unwrap_or(0.0) * compared as f64;
-    let noisy = tolerance.rms.is_some_and(|limit| outcome.tally.rms() > limit);
-    if noisy || outcome.tally.beyond as f64 > allowed { Verdict::Different } else { Verdict::WithinTolerance }
+    let noisy = tolerance.rms.is_some_and(|limit| outcome.tally.rms_off() > limit);
+    let biased = tolerance.mean.is_some_and(|limit| outcome.tally.mean().abs() > limit);
+    if noisy || biased || outcome.tally.beyond as f64 > allowed {
+        Verdict::Different
+    } else {
+        Verdict::WithinTolerance
+    }
 }
 
 fn exclusion(
@@ -156,7 +163,8 @@ fn exclusion(
     options: &DiffOptions,
 ) -> Option<Exclusion> {
     let modes = pair.modes();
-    let bookkeeping_counts = options.bookkeeping.unwrap_or(modes == [Mode::Sim; 2]);
+    let bookkeeping_counts =
+        options.bookkeeping.unwrap_or(modes == [Mode::Sim; 2] && options.derived.is_none());
     if limits.ignored {
         Some(Exclusion::Ignored)
     } else if pair.entries[slot].law.bookkeeping && !bookkeeping_counts {
@@ -173,14 +181,15 @@ fn difference(outcome: &Outcome, tolerance: &Tolerance, law: Law) -> Difference 
     let seconds = |ns: i64| ns as f64 / 1e9;
     // Of events only whether there is a counterpart is known.
     let measured = !law.names && law.interpolation != Interpolation::None && tally.count > 0;
-    let by_rms = tolerance.rms.map_or(0.0, |limit| ratio(tally.rms(), limit));
-    let worst = tally.worst.max(by_rms);
-    let beyond_rms = tolerance.rms.is_some_and(|limit| tally.rms() > limit);
+    let by_rms = tolerance.rms.map_or(0.0, |limit| ratio(tally.rms_off(), limit));
+    let by_mean = tolerance.mean.map_or(0.0, |limit| ratio(tally.mean().abs(), limit));
+    let worst = tally.worst.max(by_rms).max(by_mean);
+    let beyond_rms = by_rms > 1.0;
     Difference {
         largest: measured.then_some(tally.largest),
         largest_at_s: (measured && tally.largest > 0.0).then(|| seconds(tally.largest_ns)),
         rms: measured.then(|| tally.rms()),
-        mean: measured.then(|| tally.sum / tally.count as f64),
+        mean: measured.then(|| tally.mean()),
         beyond: tally.beyond,
         first_s: tally.first_ns.or(tally.first_over_rms_ns.filter(|_| beyond_rms)).map(seconds),
         first_names: outcome.names.clone(),
@@ -198,14 +207,14 @@ fn lag(Shift { lag_s, explained, step_s }: Shift) -> Option<Lag> {
 
 fn summary(scan: &Scan) -> RecordingSummary {
     let seconds = |ns: i64| ns as f64 / 1e9;
-    let session = scan.recording.session();
+    let session = scan.source.session();
     let phases = scan.phases.iter().enumerate().map(|(place, (phase, from_ns))| PhaseSpan {
         phase: phase.name().to_owned(),
         from_s: seconds(*from_ns),
         until_s: seconds(scan.phases.get(place + 1).map_or(scan.last_ns, |next| next.1)),
     });
     RecordingSummary {
-        path: scan.recording.path().display().to_string(),
+        path: scan.source.name(),
         mode: session.mode.name().to_owned(),
         rig: session.rig_name.clone(),
         mission: session.mission_name.clone(),
@@ -224,8 +233,13 @@ fn notes(report: &DiffReport, pair: &Pair<'_>) -> Vec<String> {
     let excluded = |why| report.fields.iter().filter(|field| field.excluded == Some(why)).count();
     if excluded(Exclusion::Bookkeeping) > 0 {
         notes.push(format!(
-            "{} fields of bookkeeping (time stamps, counters, durations, events) do not count: not both are simulations",
-            excluded(Exclusion::Bookkeeping)
+            "{} fields of bookkeeping (time stamps, counters, durations, events) do not count: {}",
+            excluded(Exclusion::Bookkeeping),
+            if report.derived.is_some() {
+                "no two flights agree on them"
+            } else {
+                "not both are simulations"
+            }
         ));
     }
     if excluded(Exclusion::ModesDiffer) > 0 {
