@@ -1,10 +1,12 @@
 //! Whether flights are of one condition: what each by itself says of the leading hypothesis' parameters and of the rig's numbers.
 //!
 //! Near the fit to all, a flight's log-likelihood is a parabola with gradient `g` and information `F`: by itself it would have a
-//! coordinate at `x + g/F`, with the variance `T/F`, `T` being the temperature that evidence is divided by. Cochran's `Q` (The
+//! number of the rig at `x + g/F`, with the variance `T/F`, `T` being the temperature that evidence is divided by. A parameter of an
+//! effect may be far from that of all, where no parabola holds: it is tried over a grid, all else held. Cochran's `Q` (The
 //! combination of estimates from different experiments, Biometrics 10, 1954) holds the spread of these against that variance and
 //! what may differ in one condition.
 
+use rayon::prelude::*;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -12,10 +14,15 @@ use crate::{
     diagnose::FORM_SIGMA,
     fit::{Fit, Free, Problem},
     law::{BIAS, Coordinate, Point},
+    pass::fly_track,
 };
 
 /// Share of sets of flights of one condition that would be told apart, were the parabolas exact.
 const LEVEL: f64 = 1e-3;
+
+/// A parameter is tried over so many steps either way, each of so much: of its logarithm, or of its value.
+const STEPS: i32 = 8;
+const STEP: f64 = 0.25;
 
 /// Flights that are not of one condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -30,7 +37,7 @@ pub struct Disagreement {
     /// Below this it counts.
     pub level: f64,
     /// Among how many parameters and numbers it was chosen.
-    pub tried: usize,
+    pub tried: u32,
     /// The two groups that differ most, that of the first flight first.
     pub groups: [Agreeing; 2],
 }
@@ -42,7 +49,7 @@ pub struct Agreeing {
     pub numbers: Vec<usize>,
     /// Their names.
     pub flights: Vec<String>,
-    /// What they say, in the unit of the parameter or the number; from one Newton step each, so a rough figure.
+    /// What they say, in the unit of the parameter or the number, all else held as all flights have it: a rough figure.
     pub value: f64,
     /// One sigma.
     pub sigma: f64,
@@ -55,29 +62,55 @@ struct Says {
     /// How far it would move the coordinate.
     by: f64,
     variance: f64,
+    /// What the flight gains by that.
+    nats: f64,
 }
 
-/// What of a fit flights disagree about most plainly, if they do.
-pub fn disagreement(problem: &Problem<'_>, fit: &Fit, temperature: f64) -> Option<Disagreement> {
-    let tried: Vec<(usize, Vec<Says>)> = fit
-        .free
-        .iter()
-        .enumerate()
-        .filter_map(|(i, f)| {
-            let ordinary = ordinary_spread(fit, f)?;
-            let says = says(fit, i, f, temperature, ordinary);
-            (says.len() > 1).then_some((i, says))
-        })
-        .collect();
-    let (at, says, p) =
-        tried.iter().map(|(i, says)| (*i, says, chance(says))).min_by(|a, b| a.2.total_cmp(&b.2))?;
-    // Bonferroni: the least of several.
-    let p = (p * tried.len() as f64).min(1.0);
-    if p >= LEVEL {
-        return None;
+/// A coordinate of a fit, and what each flight says of it.
+struct Tried<'a> {
+    fit: &'a Fit,
+    at: usize,
+    says: Vec<Says>,
+}
+
+impl Tried<'_> {
+    fn is_of_effect(&self) -> bool {
+        matches!(self.fit.free[self.at].at, Coordinate::Effect { .. })
     }
-    let f = &fit.free[at];
-    let groups = two_groups(says).map(|group| agreeing(problem, fit, f, &group));
+}
+
+/// What flights disagree about most plainly, if they do: of the best fit, or of a simpler one that explains as much as what the best
+/// adds to it once flights may differ. A second law may be nothing but the difference between flights.
+pub fn disagreement(
+    problem: &Problem<'_>,
+    best: &Fit,
+    simpler: &[&Fit],
+    temperature: f64,
+) -> Option<Disagreement> {
+    let mut tried: Vec<Tried<'_>> = Vec::new();
+    let mut all = 0;
+    for fit in [best].iter().chain(simpler) {
+        let added = best.log_evidence - fit.log_evidence;
+        for (at, f) in fit.free.iter().enumerate() {
+            let Some(ordinary) = ordinary_spread(fit, f) else { continue };
+            let says = says(problem, fit, at, temperature, ordinary);
+            if says.len() > 1 {
+                all += 1;
+                if says.iter().map(|s| s.nats).sum::<f64>() >= added {
+                    tried.push(Tried { fit, at, says });
+                }
+            }
+        }
+    }
+    let (one, p) = tried
+        .iter()
+        // Bonferroni: the least of several.
+        .map(|one| (one, (chance(&one.says) * f64::from(all)).min(1.0)))
+        .filter(|(_, p)| *p < LEVEL)
+        // What differs in one thing bends all: a law's own parameter is told before a number that it bends.
+        .min_by(|a, b| b.0.is_of_effect().cmp(&a.0.is_of_effect()).then(a.1.total_cmp(&b.1)))?;
+    let (fit, f) = (one.fit, &one.fit.free[one.at]);
+    let groups = two_groups(&one.says).map(|group| agreeing(problem, fit, f, &group));
     let (effect, name) = match f.at {
         Coordinate::Nuisance(i) => (None, Point::names(problem.rig)[i]),
         Coordinate::Effect { slot, parameter } => {
@@ -85,7 +118,7 @@ pub fn disagreement(problem: &Problem<'_>, fit: &Fit, temperature: f64) -> Optio
             (Some(spec.name), spec.parameters[parameter].key)
         }
     };
-    Some(Disagreement { effect, name, p, level: LEVEL, tried: tried.len(), groups })
+    Some(Disagreement { effect, name, p, level: LEVEL, tried: all, groups })
 }
 
 /// One sigma by which a coordinate may differ between flights of one condition, in its own scale: a number of the rig within its
@@ -103,16 +136,48 @@ fn ordinary_spread(fit: &Fit, f: &Free) -> Option<f64> {
     }
 }
 
-fn says(fit: &Fit, i: usize, f: &Free, temperature: f64, ordinary: f64) -> Vec<Says> {
-    let slope = f.slope(fit.point.get(f.at));
-    let of_track = |(flight, pass): (usize, &crate::pass::TrackPass)| {
-        let (gradient, information) =
-            (pass.gradient.get(i)? * slope, pass.information.get((i, i))? * slope * slope);
+fn says(problem: &Problem<'_>, fit: &Fit, i: usize, temperature: f64, ordinary: f64) -> Vec<Says> {
+    let f = &fit.free[i];
+    let of_flight = |flight: usize| {
+        let (by, information) = match f.at {
+            Coordinate::Nuisance(_) => {
+                let pass = fit.pass.tracks.get(flight)?;
+                let information = *pass.information.get((i, i))?;
+                (pass.gradient.get(i)? / information, information)
+            }
+            Coordinate::Effect { .. } => profile(problem, fit, f, flight)?,
+        };
         let variance = temperature / information + ordinary * ordinary;
-        let by = gradient / information;
-        (information > 0.0 && by.is_finite() && variance.is_finite()).then_some(Says { flight, by, variance })
+        (information > 0.0 && by.is_finite() && variance.is_finite()).then_some(Says {
+            flight,
+            by,
+            variance,
+            nats: 0.5 * by * by * information,
+        })
     };
-    fit.pass.tracks.iter().enumerate().filter_map(of_track).collect()
+    (0..problem.tracks.len()).into_par_iter().filter_map(of_flight).collect()
+}
+
+/// How far one flight would move a coordinate, all else held, and its information there, in its own scale.
+fn profile(problem: &Problem<'_>, fit: &Fit, f: &Free, flight: usize) -> Option<(f64, f64)> {
+    let value = fit.point.get(f.at);
+    let h = if f.logarithmic { STEP } else { STEP * value.abs() };
+    let noise = fit.full_noise(problem);
+    let nll = |k: i32| {
+        let mut point = fit.point.clone();
+        *point.get_mut(f.at) = f.value(f.own(value) + f64::from(k) * h);
+        fly_track(&problem.tracks[flight], problem.rig, &point, &noise, &[]).nll
+    };
+    let tried: Vec<f64> = (-STEPS..=STEPS).map(nll).collect();
+    let best = (0..tried.len()).min_by(|a, b| tried[*a].total_cmp(&tried[*b]))?;
+    let at = (best as f64 - f64::from(STEPS)) * h;
+    if best == 0 || best + 1 == tried.len() {
+        // Beyond what is tried: no less informed than a parabola from there to the fit to all.
+        return Some((at, 2.0 * (tried[STEPS as usize] - tried[best]) / (at * at)));
+    }
+    let (low, high) = (tried[best - 1], tried[best + 1]);
+    let bend = low + high - 2.0 * tried[best];
+    Some((at + 0.5 * h * (low - high) / bend, bend / (h * h)))
 }
 
 fn mean(says: &[Says]) -> (f64, f64) {
@@ -149,14 +214,12 @@ fn two_groups(says: &[Says]) -> [Vec<Says>; 2] {
 
 fn agreeing(problem: &Problem<'_>, fit: &Fit, f: &Free, group: &[Says]) -> Agreeing {
     let (by, variance) = mean(group);
-    let value = fit.point.get(f.at);
-    let slope = f.slope(value);
+    let value = f.value(f.own(fit.point.get(f.at)) + by);
     Agreeing {
         numbers: group.iter().map(|s| s.flight + 1).collect(),
         flights: group.iter().map(|s| problem.tracks[s.flight].name.clone()).collect(),
-        // Along the value, where an effect that is absent lies at a finite distance.
-        value: f.within(value + slope * by),
-        sigma: slope.abs() * variance.sqrt(),
+        value,
+        sigma: f.slope(value).abs() * variance.sqrt(),
     }
 }
 
@@ -165,7 +228,10 @@ mod tests {
     use super::*;
 
     fn flights(by: &[f64], sigma: f64) -> Vec<Says> {
-        by.iter().enumerate().map(|(flight, by)| Says { flight, by: *by, variance: sigma * sigma }).collect()
+        by.iter()
+            .enumerate()
+            .map(|(flight, by)| Says { flight, by: *by, variance: sigma * sigma, nats: 0.0 })
+            .collect()
     }
 
     #[test]

@@ -298,6 +298,12 @@ impl Diagnosis {
         let named =
             weighed.hypotheses.iter().find(|h| verdict == Verdict::Effect && h.names() == top.effects);
         let best = &search.fits[named.unwrap_or(&weighed.hypotheses[0]).fit];
+        let pair = best.effects();
+        let simpler: Vec<&Fit> = search
+            .fits
+            .iter()
+            .filter(|fit| pair.len() == 2 && matches!(fit.effects().as_slice(), [one] if pair.contains(one)))
+            .collect();
         let group = if verdict == Verdict::Effect { group(problem, null, best) } else { Vec::new() };
         let mut told = 0.0;
         let set = candidates
@@ -324,7 +330,7 @@ impl Diagnosis {
                 sighting_m: null.noise.sighting_m,
                 sighting_nominal_m: problem.noise.sighting_m,
             },
-            disagreement: disagreement(problem, best, calibration.temperature),
+            disagreement: disagreement(problem, best, &simpler, calibration.temperature),
             ahead: ahead(problem, best),
             gap: gap(problem, null, best),
             place: place(problem, top, weighed, search, direct),

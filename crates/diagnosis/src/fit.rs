@@ -135,11 +135,7 @@ impl Free {
     }
 
     pub(crate) fn value(&self, own: f64) -> f64 {
-        self.within(if self.logarithmic { own.exp() } else { own })
-    }
-
-    /// A value, held within its range.
-    pub(crate) fn within(&self, value: f64) -> f64 {
+        let value = if self.logarithmic { own.exp() } else { own };
         value.clamp(self.range.0, self.range.1)
     }
 

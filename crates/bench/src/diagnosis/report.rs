@@ -226,10 +226,9 @@ mod tests {
     fn flights_that_disagree_are_inconclusive_however_sure() {
         let report = Report::new(said(0.99, Some(two_conditions())), 0.5, choice());
         assert_eq!(report.inconclusive_because, [Because::FlightsDisagree]);
-        assert_eq!(report.sentence(), "Inconclusive: flights 1 to 3, 7 and 4 to 6 are not of one condition");
-        assert!(
-            report.diagnosis.warnings[0].contains("rotor-lag time_constant_s would be about 0.05 ± 0.01")
-        );
+        assert_eq!(report.headline(), "Inconclusive: the flights are not of one condition");
+        let told = "rotor-lag time_constant_s would be about 0.05 ± 0.01 by flights 1 to 3, 7 and 0.15 ± 0.01 by flights 4 to 6";
+        assert!(report.diagnosis.warnings[0].contains(told), "{}", report.diagnosis.warnings[0]);
         // Asked to tell what leads whatever it is worth, it does, and warns.
         let report = Report::new(said(0.99, Some(two_conditions())), 0.0, choice());
         assert_eq!((report.verdict, report.diagnosis.warnings.len()), (Conclusion::None, 1));
