@@ -3,12 +3,15 @@
 mod blind;
 mod compare;
 mod diagnose;
+mod examples;
 mod figures;
+mod foreign;
 mod frames;
 mod hil;
 mod identify;
 mod import;
 mod model;
+mod progress;
 mod record;
 mod recorded;
 mod sim;

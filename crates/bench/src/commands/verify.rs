@@ -19,9 +19,9 @@ use crate::{
 /// Hold a rig's model against open-loop flights: does it predict them within a tolerance?
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench sim --mission hop -o hop.mcap && bench verify --rig rigs/virtual.toml hop.mcap
+  bench sim --mission hop -o hop.mcap && bench verify --rig virtual hop.mcap
   bench verify --rig my-quad.toml hop-*.mcap --tolerance 0.03 --html verify.html
-  bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo the model is not good enough
+  bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo not good enough
 
 Nothing is fitted. A flight is predicted twice: one second ahead from what was seen before,
 which --tolerance is about, and from its throttle alone, from take-off until a closed loop takes
