@@ -13,6 +13,7 @@ fn a_rig_is_tuned_written_with_its_comments_and_flown() {
     let words = stdout(&bench(tune).args(SMALL).args(["--html", &page]).assert().success());
     assert!(words.contains("altitude loop") && words.contains("lateral loop"), "{words}");
     assert!(words.contains("20 of 20 fresh airframes hold 0.4 m within 2 cm RMS"), "{words}");
+    assert!(words.starts_with("All limits held; all 20 fresh airframes hold 0.4 m within 2 cm; "), "{words}");
 
     let text = fs::read_to_string(&out).unwrap();
     assert!(text.starts_with("# Gains tuned by `bench tune`: `--rig rigs/virtual-model.toml"), "{text}");
@@ -21,7 +22,12 @@ fn a_rig_is_tuned_written_with_its_comments_and_flown() {
     let mission = "rigs/missions/climb-040.toml";
     bench(["sim", "--rig", &out, "--mission", mission, "-o", &scratch.name("f.mcap")]).assert().success();
     let html = fs::read_to_string(&page).unwrap();
-    assert!(html.contains("The altitude loop") && !html.contains("NaN"), "{html}");
+    assert!(
+        html.contains("All limits held; all 20")
+            && html.contains("The altitude loop")
+            && !html.contains("NaN"),
+        "{html}"
+    );
 
     // It is not replaced unasked.
     let mut again = bench(tune);
@@ -40,6 +46,13 @@ fn a_limit_that_cannot_be_held_is_exit_code_1_and_nonsense_is_refused() {
     let out = scratch.name("mine.toml");
     let tune = ["tune", "--rig", "rigs/virtual.toml", "-o", &out, "--loops", "altitude"];
     let words = stdout(&bench(tune).args(SMALL).args(["--rms", "0.0001"]).assert().code(1));
+    let verdict = words.lines().next().unwrap();
+    let of_rms = [
+        "Not good enough: altitude loop, RMS in hold, cm: ",
+        ", the limit is 0.01",
+        "only 0.0 % of 20 fresh",
+    ];
+    assert!(of_rms.iter().all(|part| verdict.contains(part)), "{words}");
     assert!(words.contains("broken"), "{words}");
     assert!(scratch.path("mine.toml").exists());
     fs::remove_file(&out).unwrap();
@@ -58,6 +71,16 @@ fn a_limit_that_cannot_be_held_is_exit_code_1_and_nonsense_is_refused() {
         assert!(words.contains(expected), "{arguments:?}: {words}");
         assert!(!scratch.path("mine.toml").exists(), "{arguments:?} wrote a rig");
     }
+}
+
+#[test]
+fn a_built_in_rig_is_written_whole() {
+    let scratch = Scratch::new();
+    let out = scratch.name("tuned.toml");
+    let small = ["--models", "20", "--check", "20", "--scan", "1", "--refine", "1", "--loops", "altitude"];
+    let tune = bench(["tune", "--rig", "crazyflie-2", "-o", &out]).args(small).assert().code(vec![0, 1]);
+    assert!(!stdout(&tune).is_empty());
+    bench(["sim", "--rig", &out, "-o", &scratch.name("f.mcap")]).assert().success();
 }
 
 #[test]

@@ -57,8 +57,10 @@ fn told(x: f64, from: f64) -> String {
     if x == from || plain != digits(from) {
         return plain;
     }
-    let more = (0..=MOST).map(|places| format!("{x:.places$}"));
-    more.into_iter().find(|text| text.parse() != Ok(from)).unwrap_or(plain)
+    // From the three digits of the plain words on.
+    let least = (2 - x.abs().log10().floor() as i32).clamp(0, MOST as i32) as usize;
+    let mut more = (least..=MOST).map(|places| format!("{x:.places$}"));
+    more.find(|text| text.parse() != Ok(from)).unwrap_or(plain)
 }
 
 /// All limits of a loop: figures of fresh airframes with the rig's gains and those found, and the margins of both.

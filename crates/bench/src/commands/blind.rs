@@ -24,7 +24,7 @@ use crate::{
   bench blind seal --cases 60 -o blind/ --key blind-key.json
   bench blind answer blind/ -o answers.json
   bench blind open blind/ --key blind-key.json --answers answers.json --html score.html
-  bench blind power --rig rigs/virtual.toml --missions rigs/missions/blind
+  bench blind power --rig virtual --missions blind
 
 docs/blind.md tells how answers are written, and what the scores mean.")]
 pub struct Arguments {

@@ -30,10 +30,10 @@ use crate::{
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench diagnose --rig rigs/virtual.toml flight-*.mcap
-  bench diagnose --rig rigs/foreign.toml flight-*.mcap --html diagnosis.html
-  bench diagnose --rig rigs/foreign.toml flight-*.mcap --json
-  bench diagnose --rig rigs/virtual.toml flight-*.mcap --write-rig better.toml
+  bench diagnose flight-*.mcap
+  bench diagnose --rig virtual flight-*.mcap --html diagnosis.html
+  bench diagnose flight-*.mcap --json
+  bench diagnose --rig virtual flight-*.mcap --write-rig better.toml
   bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
   bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
   bench diagnose flight-*.mcap --fail-on-gap --min-confidence 0.8 || echo look at it

@@ -46,7 +46,7 @@ use report::Report;
   bench hil --port /dev/ttyACM0
   bench hil --port /dev/ttyACM0 --mission hold-3d -o hold.mcap
   bench emulate psoc5 --link /tmp/psoc5 & bench hil --port /tmp/psoc5
-  bench hil --rig rigs/transmitter.toml --port /dev/ttyACM0 --exposure-ms 10
+  bench hil --rig transmitter --port /dev/ttyACM0 --exposure-ms 10
 
 `bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a
 flight. Exit code 1 says that the mission's criteria were missed, 4 that a device failed or the

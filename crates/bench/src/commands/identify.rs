@@ -158,7 +158,7 @@ fn refused_in_words(out: &mut String, refused: &[Refused]) {
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench identify flight --rig my-quad.toml nominal-*.mcap -o my-quad-identified.toml
-  bench identify flight --rig rigs/crazyflie-2.toml --above 0.3 --without readback normal-*.mcap -o normal.toml
+  bench identify flight --rig crazyflie-2 --above 0.3 --without readback cf-*.mcap -o cf.toml
 
 The rig's tolerances are the priors: a number without one is taken as exact. What the flights do
 not tell is said and left as it was. Then `bench diagnose --rig my-quad-identified.toml ...`

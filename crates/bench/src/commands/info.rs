@@ -8,7 +8,7 @@ use crate::{arguments::Json, exit::Exit, words};
 /// Say what a recording holds
 #[derive(Args)]
 #[command(after_help = "Example:
-  bench info recordings/climb-040-0.mcap
+  bench info recordings/virtual_climb-040_seed0.mcap
 
 Exit code 3 says that the recording was not closed.")]
 pub struct Arguments {

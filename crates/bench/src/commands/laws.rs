@@ -18,9 +18,9 @@ use crate::{
 /// Hold control laws against one another, over the tolerances and every effect
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench laws rigs/virtual.toml rigs/virtual-model.toml
-  bench laws rigs/virtual.toml rigs/virtual-tuned.toml rigs/virtual-model.toml -o docs/results/laws.md
-  bench laws rigs/virtual.toml rigs/virtual-model.toml --models 20 --json
+  bench laws virtual virtual-model
+  bench laws virtual virtual-tuned virtual-model -o laws.md
+  bench laws virtual virtual-model --models 20 --json
 
 The rigs differ in name and [control] alone. Each case draws airframes from the first rig's
 tolerances, with an effect of the library whose size is drawn from its prior, and flies each of

@@ -42,7 +42,7 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench paper -o paper/ && xdg-open paper/index.html
-  bench paper --rig rigs/virtual.toml --seed 3 -o paper/ --json
+  bench paper --rig virtual --seed 3 -o paper-3/ --json
 
 It goes the paper's way: readings of an emulated balance, gain and offset from them, the ground
 effect, a rig with these numbers; then flights of the virtual lab in gusty air against that

@@ -24,7 +24,7 @@ use crate::{
 #[command(after_help = "Examples:
   bench track frames/
   bench track frames/ --views views/ --csv positions.csv
-  bench track frames/ --rig rigs/virtual.toml --json
+  bench track frames/ --rig virtual --json
 
 Exit code 1 says that the marker was found in no frame.")]
 pub struct Arguments {

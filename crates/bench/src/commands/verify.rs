@@ -21,7 +21,7 @@ use crate::{
 #[command(after_help = "Examples:
   bench sim --mission hop -o hop.mcap && bench verify hop.mcap --band 2
   bench verify --rig my-quad.toml hop-*.mcap --tolerance 0.03 --html verify.html
-  bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo the model is not good enough
+  bench verify --rig my-quad.toml hop-*.mcap --json > verify.json || echo not good enough
 
 Nothing is fitted. A flight is predicted twice: one second ahead from what was seen before,
 which --tolerance is about, and from its throttle alone, from take-off until a closed loop takes

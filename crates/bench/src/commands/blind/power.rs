@@ -14,8 +14,8 @@ use crate::{
 /// Say what a rig's flights can show: how large an effect must be, what is taken for what, which mission helps
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench blind power --rig rigs/virtual.toml --missions rigs/missions/blind
-  bench blind power --missions rigs/missions/hop.toml rigs/missions/steps.toml --effect rotor-lag --effect gusts
+  bench blind power --rig virtual --missions blind
+  bench blind power --missions hop steps --effect rotor-lag --effect gusts
   bench blind power --json > power.json
 
 Flies every form of every effect in seven sizes on drawn airframes, with the blind check's own

@@ -16,8 +16,9 @@ use crate::{
 /// Boundary and multiplier of the ground effect from readings of thrust at static altitudes
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench identify ground-effect rigs/balance/hubsan-q4-ground.csv --rig with-thrust.toml -o with-ground.toml
-  bench identify ground-effect ground.csv --rig my-quad-2.toml --with-shape -o my-quad-3.toml --html ground.html
+  bench rigs copy balance/hubsan-q4-ground
+  bench identify ground-effect hubsan-q4-ground.csv --rig with-thrust.toml -o with-ground.toml
+  bench identify ground-effect ground.csv --rig my-quad-2.toml --with-shape -o my-quad-3.toml
 
 The table has the columns throttle_v (or as the rig's), altitude_m (or _cm, _mm), reading_g or
 reading_n, and battery where several levels were read. Each throttle gets a free thrust of its

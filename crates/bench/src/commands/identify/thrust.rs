@@ -17,8 +17,9 @@ use crate::{
 /// Gain and offset from readings of throttle and thrust on a balance
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench identify thrust rigs/balance/hubsan-q4-thrust.csv --rig rigs/virtual.toml -o with-thrust.toml
-  bench identify thrust readings.csv --rig my-quad.toml --mounting tared --from 1.2 -o my-quad-2.toml --html thrust.html
+  bench rigs copy balance/hubsan-q4-thrust
+  bench identify thrust hubsan-q4-thrust.csv --rig virtual -o with-thrust.toml
+  bench identify thrust readings.csv --rig my-quad.toml --from 1.2 -o my-quad-2.toml
 
 The table has the columns throttle_v (or throttle_fraction, throttle_count, as the rig's),
 reading_g or reading_n, and battery where several levels were read. The paper's rig hangs the
