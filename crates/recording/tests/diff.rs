@@ -7,8 +7,8 @@ use bench_recording::{
     Battery, Command, ControlState, Event, EventText, Level, Mode, Options, ReadbackAt, Record, Recorder,
     Session, Tick, Truth,
     diff::{
-        Align, DiffError, DiffOptions, DiffReport, Exclusion, FieldReport, Reason, ToleranceKey,
-        ToleranceOrigin, Tolerances, Verdict, diff, render_html, render_text,
+        Align, Derived, DiffError, DiffOptions, DiffReport, Exclusion, FieldReport, Reason, Repeats,
+        ToleranceKey, ToleranceOrigin, Tolerances, Verdict, diff, render_html, render_text,
     },
 };
 use bench_rig::{Actuation, Phase, Rig};
@@ -32,6 +32,8 @@ struct Flight {
     truth: bool,
     battery: bool,
     rig: Option<Rig>,
+    /// When the controller takes the airframe for down, s since leaving idle.
+    down_s: Option<f64>,
 }
 
 fn altitude(t_s: f64) -> f64 {
@@ -50,6 +52,7 @@ impl Default for Flight {
             truth: true,
             battery: false,
             rig: None,
+            down_s: None,
         }
     }
 }
@@ -94,6 +97,9 @@ impl Flight {
                 phase: self.phase(t),
                 setpoint_m: [0.0, 0.0, 0.4],
                 estimate_m: [0.01 * t, -0.02, height(t)],
+                integral_n: self
+                    .down_s
+                    .map_or(0.0, |down_s| if t < self.idle_s + down_s - 1e-9 { 0.15 } else { 0.0 }),
                 ..ControlState::default()
             };
             records.push((t, state.into()));
@@ -187,6 +193,77 @@ fn a_repeated_simulation_is_the_same_in_every_field() {
     assert!(report.fields.len() > 50, "{}", report.fields.len());
     assert_eq!(report.alignment.used, Align::None);
     assert_eq!(report.summary, format!("same: {} fields equal at equal times", report.fields.len()));
+}
+
+#[test]
+fn a_landing_is_aligned_at_the_instant_the_airframe_is_down() {
+    let folder = folder();
+    let phases = |report: &DiffReport| -> Vec<String> {
+        report.alignment.segments.iter().map(|segment| segment.phase.clone()).collect()
+    };
+    let by_phase = DiffOptions { align: Align::Phase, ..DiffOptions::default() };
+    let early = Flight { down_s: Some(19.0), ..Flight::default() }.write(&folder, "early.mcap");
+    let late = Flight { down_s: Some(19.6), ..Flight::default() }.write(&folder, "late.mcap");
+    let report = compare_with(&early, &late, &by_phase);
+    assert_eq!(phases(&report), ["launch", "hold", "land", "down", "idle"]);
+    let land = &report.alignment.segments[2];
+    assert!((land.b_duration_s - land.a_duration_s - 0.6).abs() < 1e-6, "{land:?}");
+    // The integral falls in one sample; that it does so at another time is told by the segments alone.
+    assert_eq!(field(&report, "/control/state/integral_n").difference.as_ref().expect("numbers").beyond, 0);
+    // A landing of which only one recording tells the instant is one piece.
+    let untold = Flight::default().write(&folder, "untold.mcap");
+    assert_eq!(phases(&compare_with(&early, &untold, &by_phase)), ["launch", "hold", "land", "idle"]);
+}
+
+#[test]
+fn exactly_compared_recordings_are_the_same_or_different() {
+    let folder = folder();
+    let exact = DiffOptions { exact: true, ..DiffOptions::default() };
+    let a = Flight::default().write(&folder, "a.mcap");
+    let b = Flight { altitude: |t| altitude(t) + 1e-12, ..Flight::default() }.write(&folder, "b.mcap");
+    assert_eq!(compare_with(&a, &a, &exact).verdict(), Verdict::Same);
+    let report = compare_with(&a, &b, &exact);
+    assert_eq!(report.verdict(), Verdict::Different);
+    assert_eq!(field(&report, Z).tolerance.expect("told").origin, ToleranceOrigin::Exact);
+    let both = DiffOptions { floor: vec![a.clone(), b.clone()], ..exact };
+    assert!(matches!(diff(&a, &b, &both), Err(DiffError::BadOption { option: "exact", .. })));
+}
+
+#[test]
+fn tolerances_of_repeats_hold_for_one_more_and_not_for_another_flight() {
+    let folder = folder();
+    let rig = Rig::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/virtual.toml")).expect("a rig");
+    // Each flight wanders from the others by a wave of its own.
+    let flights: [fn(f64) -> f64; 6] = [
+        |t| altitude(t) + 0.02 * (0.31 * t).sin(),
+        |t| altitude(t) + 0.02 * (0.37 * t).cos(),
+        |t| altitude(t) - 0.02 * (0.43 * t).sin(),
+        |t| altitude(t) - 0.02 * (0.51 * t).cos(),
+        |t| altitude(t) + 0.02 * (0.59 * t + 1.0).sin(),
+        |t| altitude(t) + 0.02 * (0.67 * t + 2.0).sin(),
+    ];
+    let repeats = flights.map(|altitude| {
+        let flight = Flight { altitude, ..Flight::default() };
+        (flight.session(), flight.records().into_iter().map(|(_, record)| record).collect())
+    });
+    let repeats = Repeats::of(&rig, repeats.into()).expect("enough repeats");
+    let derived = Derived { rig: rig.clone(), mission: "made up".to_owned(), repeats: Some(repeats) };
+    let options = DiffOptions { derived: Some(derived), ..DiffOptions::default() };
+    let a = Flight::default().write(&folder, "a.mcap");
+    let wanders = Flight { altitude: |t| altitude(t) + 0.02 * (0.8 * t + 0.5).sin(), ..Flight::default() };
+    let report = compare_with(&a, &wanders.write(&folder, "b.mcap"), &options);
+    assert_eq!(report.verdict(), Verdict::WithinTolerance, "{}", report.summary);
+    assert_eq!(field(&report, Z).tolerance.expect("told").origin, ToleranceOrigin::Repeats);
+    assert!(render_text(&report, false).contains("6 simulations"));
+    // An offset as large as the waves is beyond the mean of any pair, if within the largest difference.
+    let raised = Flight { altitude: |t| altitude(t) + 0.03, ..Flight::default() }.write(&folder, "c.mcap");
+    assert_eq!(compare_with(&a, &raised, &options).verdict(), Verdict::Different);
+    // Without repeats the rig's numbers hold: 5 mm of resolution and 8.5 mm of noise of two samples.
+    let alone = Derived { rig, mission: "made up".to_owned(), repeats: None };
+    let options = DiffOptions { derived: Some(alone), ..DiffOptions::default() };
+    let z = field(&compare_with(&a, &raised, &options), Z).tolerance.expect("told");
+    assert_eq!(z.origin, ToleranceOrigin::Rig);
+    assert!((z.absolute - 0.013_485).abs() < 1e-5 && z.time_s == 0.1, "{z:?}");
 }
 
 #[test]

@@ -4,8 +4,9 @@
 //! the samples of [`FieldMerge::reach_ns`] or so on either side.
 
 use std::{
-    collections::{BTreeMap, VecDeque, hash_map::DefaultHasher},
-    hash::Hasher,
+    collections::{BTreeMap, VecDeque},
+    sync::mpsc::{Receiver, SyncSender, sync_channel},
+    thread,
 };
 
 use super::{
@@ -98,6 +99,18 @@ struct Sample {
     value: f64,
 }
 
+/// 128 bits that are equal for equal series, and for others by a chance that is nothing. Two multiplicative hashes with odd
+/// factors (Knuth, The Art of Computer Programming, vol. 3, 6.4), as a sample must cost little.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Digest(u64, u64);
+
+impl Digest {
+    fn add(&mut self, bits: u64) {
+        self.0 = (self.0.rotate_left(29) ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.1 = (self.1.rotate_left(23) ^ bits).wrapping_mul(0xd6e8_feb8_6659_fd93);
+    }
+}
+
 /// One recording's samples of a field.
 struct Track {
     window: VecDeque<Sample>,
@@ -108,7 +121,7 @@ struct Track {
     compared: u64,
     /// Samples without a counterpart on the other clock, or out of order beyond repair.
     left_out: u64,
-    digest: DefaultHasher,
+    digest: Digest,
     last_ns: i64,
 }
 
@@ -121,7 +134,7 @@ impl Track {
             count: 0,
             compared: 0,
             left_out: 0,
-            digest: DefaultHasher::new(),
+            digest: Digest::default(),
             last_ns: i64::MIN,
         }
     }
@@ -133,8 +146,8 @@ impl Track {
         }
         self.last_ns = sample.t_ns;
         self.count += 1;
-        self.digest.write_i64(sample.t_ns);
-        self.digest.write_u64(sample.value.to_bits());
+        self.digest.add(sample.t_ns.cast_unsigned());
+        self.digest.add(sample.value.to_bits());
         self.window.push_back(sample);
         true
     }
@@ -319,8 +332,7 @@ impl<'a> FieldMerge<'a> {
     fn finish(mut self, names: &Names) -> Outcome {
         self.settle(i64::MAX);
         let [a, b] = &self.tracks;
-        let same =
-            a.count == b.count && a.left_out + b.left_out == 0 && a.digest.finish() == b.digest.finish();
+        let same = a.count == b.count && a.left_out + b.left_out == 0 && a.digest == b.digest;
         let differs = self.tally.largest > 0.0;
         let shift = self.series.as_ref().filter(|_| differs).and_then(|[a, b]| best_shift(a, b));
         let first = self.tally.first_ns.filter(|_| self.setup.law.names);
@@ -409,6 +421,13 @@ pub(super) fn compare(
     Ok(merges.into_iter().map(|merge| merge.map(|merge| merge.finish(&names))).collect())
 }
 
+/// Records that a thread reads ahead before it waits: so many a batch, and so many batches.
+const BATCH: usize = 256;
+const BATCHES: usize = 4;
+
+type Batch = Vec<Result<(i64, Record), RecordingError>>;
+
+/// Each recording is read by a thread of its own; this one compares.
 fn read_both(
     a: &Scan,
     b: &Scan,
@@ -417,9 +436,62 @@ fn read_both(
     merges: &mut [Option<FieldMerge<'_>>],
     names: &mut Names,
 ) -> Result<(), RecordingError> {
+    thread::scope(|scope| {
+        let ends = [a, b].map(|scan| {
+            let (sender, receiver) = sync_channel(BATCHES);
+            scope.spawn(move || read_ahead(scan, channels, &sender));
+            Ahead { receiver, batch: Vec::new().into_iter() }
+        });
+        merge_both(ends, map, merges, names)
+    })
+}
+
+/// Sends the records of a recording in order of time until nobody wants them any more.
+fn read_ahead(scan: &Scan, channels: &[Channel], sender: &SyncSender<Batch>) {
+    let mut records = match scan.sorted(channels) {
+        Ok(records) => records,
+        Err(error) => {
+            // Nobody is left to tell only if the other recording has failed already.
+            let _ = sender.send(vec![Err(error)]);
+            return;
+        }
+    };
+    loop {
+        let batch: Batch = records.by_ref().take(BATCH).collect();
+        if batch.is_empty() || sender.send(batch).is_err() {
+            return;
+        }
+    }
+}
+
+/// The other end of it.
+struct Ahead {
+    receiver: Receiver<Batch>,
+    batch: std::vec::IntoIter<Result<(i64, Record), RecordingError>>,
+}
+
+impl Iterator for Ahead {
+    type Item = Result<(i64, Record), RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(record) = self.batch.next() {
+                return Some(record);
+            }
+            self.batch = self.receiver.recv().ok()?.into_iter();
+        }
+    }
+}
+
+fn merge_both(
+    [a, b]: [Ahead; 2],
+    map: &TimeMap,
+    merges: &mut [Option<FieldMerge<'_>>],
+    names: &mut Names,
+) -> Result<(), RecordingError> {
     let entries = catalogue();
     let mut extractors = [Extractor::new(), Extractor::new()];
-    let mut sources = [Placed::new(a.sorted(channels)?, 0, map)?, Placed::new(b.sorted(channels)?, 1, map)?];
+    let mut sources = [Placed::new(a, 0, map)?, Placed::new(b, 1, map)?];
     while let Some(side) = earlier(&sources) {
         let Some(Head { place, record, .. }) = sources[side].take()? else { break };
         extractors[side].each(&record, |slot, cell| {

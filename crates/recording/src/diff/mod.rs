@@ -109,7 +109,12 @@ impl DiffOptions {
 pub fn diff(a: &Path, b: &Path, options: &DiffOptions) -> Result<DiffReport, DiffError> {
     options.check()?;
     let floors = pair::floors(options)?;
-    let (a, b) = (Scan::read(a)?, Scan::read(b)?);
+    let (a, b) = std::thread::scope(|scope| {
+        let other = scope.spawn(|| Scan::read(b));
+        let a = Scan::read(a);
+        (a, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    let (a, b) = (a?, b?);
     let timing = if options.derived.is_some() { Timing::Real } else { Timing::Lockstep };
     let pair = Pair::new(&a, &b, options.align, timing);
     let limits: Vec<Limits> = pair

@@ -52,7 +52,7 @@ impl Intervals {
     fn push(&mut self, interval_ns: i64) {
         if interval_ns > 0 {
             let interval_ns = interval_ns as f64;
-            let bin = ((interval_ns / Self::SHORTEST_NS).log2() * 4.0).floor().max(0.0) as usize;
+            let bin = quarter_octaves(interval_ns / Self::SHORTEST_NS);
             let (count, sum) = &mut self.bins[bin.min(Self::BINS - 1)];
             *count += 1;
             *sum += interval_ns;
@@ -84,6 +84,19 @@ impl Intervals {
         const LONGEST_NS: f64 = 1e10;
         (5.0 * self.quantile_ns(0.5)).max(1.5 * self.quantile_ns(0.99)).min(LONGEST_NS) as i64
     }
+}
+
+/// The quarter octaves that lie between 1 and a number, 0 below 1: the exponent of it, and where its mantissa lies. A logarithm a
+/// sample would cost as much as reading it.
+fn quarter_octaves(x: f64) -> usize {
+    const EDGES: [f64; 3] = [1.189_207_115_002_721, std::f64::consts::SQRT_2, 1.681_792_830_507_429];
+    const MANTISSA: u64 = (1 << 52) - 1;
+    if x < 1.0 {
+        return 0;
+    }
+    let mantissa = f64::from_bits(x.to_bits() & MANTISSA | 1.0_f64.to_bits());
+    let octaves = (x.to_bits() >> 52) as usize - 1023;
+    4 * octaves + EDGES.iter().filter(|edge| mantissa >= **edge).count()
 }
 
 /// A signal that shows on both clocks.
@@ -182,8 +195,8 @@ pub(super) struct Scan {
     pub phases: Vec<(Phase, i64)>,
     /// When the controller took the airframe for down in each landing, ns.
     pub settling_ns: Vec<i64>,
-    /// Whether it does in the landing that goes on.
-    settling: bool,
+    /// Whether a landing goes on in closed loop.
+    descending: bool,
     pub signals: [Series; Signal::ALL.len()],
     pub records: u64,
     pub first_ns: i64,
@@ -205,7 +218,7 @@ impl Scan {
             fields: vec![Seen::default(); catalogue().len()],
             phases: Vec::new(),
             settling_ns: Vec::new(),
-            settling: false,
+            descending: false,
             signals: [Series::new(), Series::new(), Series::new()],
             records: 0,
             first_ns: i64::MAX,
@@ -239,7 +252,6 @@ impl Scan {
             && self.phases.len() < PHASES_MAX
         {
             self.phases.push((state.phase, t_ns));
-            self.settling = false;
         }
         self.see_settling(record);
     }
@@ -247,13 +259,13 @@ impl Scan {
     /// Once it takes the airframe for down, the controller leaves the closed loop, which alone has an integral and a speed to
     /// hold: the instant of a landing that every recording with phases has, to an iteration.
     fn see_settling(&mut self, record: &Record) {
-        if let Record::ControlState(state) = record
-            && state.phase == Phase::Land
-            && state.integral_n == 0.0
-            && state.vertical_speed_setpoint_m_s == 0.0
-            && !self.settling
-        {
-            self.settling = true;
+        let Record::ControlState(state) = record else { return };
+        if state.phase != Phase::Land {
+            self.descending = false;
+        } else if state.integral_n != 0.0 || state.vertical_speed_setpoint_m_s != 0.0 {
+            self.descending = true;
+        } else if self.descending {
+            self.descending = false;
             self.settling_ns.push(nanos(state.time));
         }
     }
@@ -418,6 +430,15 @@ mod tests {
         assert_eq!(times, [0, 100, 100, 100, 200]);
         assert_eq!(sorted[1].1.channel(), Channel::Battery);
         assert_eq!(sorted[2].1.channel(), Channel::Tick);
+    }
+
+    #[test]
+    fn quarter_octaves_are_those_of_the_logarithm() {
+        for i in 0..4000 {
+            let x = 1.003_f64.powi(i - 300);
+            let expected = (x.log2() * 4.0).floor().max(0.0) as usize;
+            assert_eq!(quarter_octaves(x), expected, "{x}");
+        }
     }
 
     #[test]

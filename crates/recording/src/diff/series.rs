@@ -19,11 +19,13 @@ pub(super) struct Series {
     start_ns: i64,
     width_ns: i64,
     bins: Vec<Bin>,
+    /// The bin of the sample before, and where it begins after the start, ns: most samples fall into it as well.
+    current: (usize, u64),
 }
 
 impl Series {
     pub fn new() -> Self {
-        Self { start_ns: 0, width_ns: FINEST_NS, bins: Vec::new() }
+        Self { start_ns: 0, width_ns: FINEST_NS, bins: Vec::new(), current: (0, 0) }
     }
 
     /// Adds a sample; samples before the first one are left out.
@@ -32,6 +34,18 @@ impl Series {
             self.start_ns = t_ns;
         }
         let Ok(since) = u64::try_from(t_ns.saturating_sub(self.start_ns)) else { return };
+        if since < self.current.1 || since - self.current.1 >= self.width_ns as u64 || self.bins.is_empty() {
+            self.seek(since);
+        }
+        let (index, from) = self.current;
+        let bin = &mut self.bins[index];
+        bin.count += 1;
+        bin.sum += value;
+        bin.time += (since - from) as f64;
+    }
+
+    /// Makes room for an instant and finds its bin.
+    fn seek(&mut self, since: u64) {
         while since / self.width_ns as u64 >= BINS as u64 {
             self.coarsen();
         }
@@ -39,10 +53,7 @@ impl Series {
         if self.bins.len() <= index {
             self.bins.resize(index + 1, Bin::default());
         }
-        let bin = &mut self.bins[index];
-        bin.count += 1;
-        bin.sum += value;
-        bin.time += (since % self.width_ns as u64) as f64;
+        self.current = (index, index as u64 * self.width_ns as u64);
     }
 
     fn coarsen(&mut self) {

@@ -17,6 +17,8 @@ const EMPTY: Stretch = Stretch { least: f64::INFINITY, greatest: f64::NEG_INFINI
 pub(super) struct TraceBuilder {
     axis: Axis,
     gap_s: f64,
+    /// Stretches a nanosecond.
+    per_ns: f64,
     /// A, B and their difference.
     lines: [Vec<Stretch>; 3],
 }
@@ -25,7 +27,8 @@ impl TraceBuilder {
     /// Lines are broken where samples are further apart than `gap_ns`.
     pub fn new(axis: Axis, gap_ns: i64) -> Self {
         let lines = std::array::from_fn(|_| vec![EMPTY; axis.stretches]);
-        Self { axis, gap_s: gap_ns as f64 * 1e-9, lines }
+        let length_ns = (axis.until_ns.saturating_sub(axis.from_ns) as f64).max(1.0);
+        Self { axis, gap_s: gap_ns as f64 * 1e-9, per_ns: axis.stretches as f64 / length_ns, lines }
     }
 
     /// Adds a sample of A (0) or B (1).
@@ -39,10 +42,9 @@ impl TraceBuilder {
     }
 
     fn add(&mut self, line: usize, t_ns: i64, value: f64) {
-        let Axis { from_ns, until_ns, stretches } = self.axis;
-        let since_s = t_ns.saturating_sub(from_ns) as f64 * 1e-9;
-        let length_s = (until_ns.saturating_sub(from_ns) as f64 * 1e-9).max(1e-9);
-        let place = (since_s / length_s * stretches as f64).clamp(0.0, stretches as f64 - 1.0) as usize;
+        let since_ns = t_ns.saturating_sub(self.axis.from_ns) as f64;
+        let since_s = since_ns * 1e-9;
+        let place = ((since_ns * self.per_ns) as usize).min(self.axis.stretches.saturating_sub(1));
         if let Some(stretch) = self.lines[line].get_mut(place) {
             stretch.least = stretch.least.min(value);
             stretch.greatest = stretch.greatest.max(value);
