@@ -15,8 +15,7 @@ const REGION_NATS: f64 = 3.0;
 /// Diagnoses one case: its rig and its recordings, as a user would.
 pub fn diagnosed(rig: &Path, flights: Vec<PathBuf>) -> anyhow::Result<Answer> {
     let rig = Rig::load(rig)?;
-    let selection = Selection::whole(flights);
-    let (tracks, unusable) = selection.tracks(&selection.load()?, &rig);
+    let (tracks, unusable) = Selection::whole(flights).tracks(&rig, |_, _| ())?;
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed: {}", unusable.join("; "));
     }

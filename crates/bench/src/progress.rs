@@ -1,6 +1,7 @@
 //! How far a command is: a bar on a terminal, without one a line on standard error every ten seconds, nothing with `--quiet`.
 
 use std::{
+    fmt::Write as _,
     io::IsTerminal,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
@@ -223,9 +224,10 @@ impl Told {
             words += format!("{comma}{done} of {} {}", total.round(), self.unit).trim_end();
         }
         match self.left(now) {
-            Some(left) => words += &format!(", about {} left", rounded(left)),
+            // Writing to a String cannot fail.
+            Some(left) => _ = write!(words, ", about {} left", rounded(left)),
             None if self.total.is_none() => {
-                words += &format!(", {} so far", rounded(now.saturating_sub(self.begun)));
+                _ = write!(words, ", {} so far", rounded(now.saturating_sub(self.begun)));
             }
             None => {}
         }

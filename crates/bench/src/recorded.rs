@@ -6,8 +6,9 @@ use std::{
 };
 
 use anyhow::{Context, bail};
+use bench_device::PositionSample;
 use bench_plant::effects::resolve_all;
-use bench_recording::{Flight, Mode, Session};
+use bench_recording::{Flight, Mode, Recording, Session};
 use bench_rig::{
     Actuation, Mission, Rig,
     visit::{self, Node, Value},
@@ -35,77 +36,94 @@ pub struct Nominal {
     pub remarks: Vec<String>,
 }
 
-/// Recordings that were read, each flight once.
+/// What was made of recordings, each flight once. The flights themselves are let go one by one: of a thousand only what is made
+/// of them stays.
 #[derive(Debug)]
-pub struct Recorded {
-    /// In the order in which they were named.
-    pub flights: Vec<(PathBuf, Flight)>,
+pub struct Recorded<T> {
+    /// In the order in which the flights were named.
+    pub made: Vec<T>,
     /// Which files were left out, and why.
     pub remarks: Vec<String>,
 }
 
-impl Recorded {
-    /// Reads recordings. A flight that is given twice, under whatever name and in whatever container, is read once.
-    pub fn load(paths: &[PathBuf]) -> anyhow::Result<Self> {
-        let mut recorded = Self { flights: Vec::new(), remarks: Vec::new() };
+impl<T> Recorded<T> {
+    /// Reads recordings one after another. A flight that is given twice, under whatever name and in whatever container, is
+    /// used once: of one that holds less of it, nothing is made.
+    pub fn read(
+        paths: &[PathBuf],
+        mut make: impl FnMut(&Path, Flight) -> anyhow::Result<T>,
+    ) -> anyhow::Result<Self> {
+        let mut known: Vec<(&Path, Vec<PositionSample>, T)> = Vec::new();
+        let mut remarks = Vec::new();
         for path in paths {
-            recorded.add(path, Flight::load(path)?);
+            let flight = Flight::load(path)?;
+            let seen = flight.positions.clone();
+            let Some((before, seen_before, made)) =
+                known.iter_mut().find(|(_, before, _)| is_same_flight(before, &seen))
+            else {
+                known.push((path, seen, make(path, flight)?));
+                continue;
+            };
+            let more = seen.len() > seen_before.len();
+            let (used, left) = if more { (path.as_path(), *before) } else { (*before, path.as_path()) };
+            remarks.push(format!(
+                "{} holds the same flight as {}: it is counted once",
+                left.display(),
+                used.display()
+            ));
+            if more {
+                (*before, *seen_before, *made) = (path, seen, make(path, flight)?);
+            }
         }
-        Ok(recorded)
-    }
-
-    fn add(&mut self, path: &Path, flight: Flight) {
-        let Some((known_path, known)) =
-            self.flights.iter_mut().find(|(_, known)| is_same_flight(known, &flight))
-        else {
-            self.flights.push((path.to_owned(), flight));
-            return;
-        };
-        let longer = flight.positions.len() > known.positions.len();
-        let (used, left) = if longer { (path, known_path.as_path()) } else { (known_path.as_path(), path) };
-        let remark =
-            format!("{} holds the same flight as {}: it is counted once", left.display(), used.display());
-        if longer {
-            (*known_path, *known) = (path.to_owned(), flight);
-        }
-        self.remarks.push(remark);
+        Ok(Self { made: known.into_iter().map(|(_, _, made)| made).collect(), remarks })
     }
 }
 
-/// Sightings that agree to this are the same one, written twice: tables round to it, trackers repeat themselves for a while
-/// but not over a whole flight.
+/// Positions that agree to this are the same one, written twice: tables round to it.
 const SAME_PLACE_M: f64 = 2e-6;
-/// The same of the time since the first one.
+/// The same of the time between two of them.
 const SAME_TIME_S: f64 = 2e-6;
-/// Fewer sightings tell no flight from another.
-const LEAST_SIGHTINGS: usize = 20;
+/// Fewer positions tell no flight from another: trackers repeat themselves for a while.
+const LEAST_POSITIONS: usize = 20;
 
-/// Whether two recordings hold one flight, or one of them its beginning: every sighting of the shorter is in the longer.
-fn is_same_flight(a: &Flight, b: &Flight) -> bool {
-    let shorter = a.positions.len().min(b.positions.len());
-    let (Some(first_a), Some(first_b)) = (a.positions.first(), b.positions.first()) else { return false };
-    let (start_a, start_b) = (first_a.arrived_at.seconds(), first_b.arrived_at.seconds());
-    let moves = |flight: &Flight| {
-        flight.positions[..shorter].iter().any(|p| p.position_m != flight.positions[0].position_m)
+/// Whether two series are of one flight: every position of the shorter is one of the longer, at the same time from its first
+/// one. So are a copy, a recording that was cut, and a table that has not every frame.
+fn is_same_flight(a: &[PositionSample], b: &[PositionSample]) -> bool {
+    let (longer, shorter) = if a.len() >= b.len() { (a, b) } else { (b, a) };
+    let same_place = |a: &PositionSample, b: &PositionSample| {
+        let same = |(x, y): (f64, f64)| (x - y).abs() <= SAME_PLACE_M || (x.is_nan() && y.is_nan());
+        a.status == b.status && a.position_m.into_iter().zip(b.position_m).all(same)
     };
-    shorter >= LEAST_SIGHTINGS
-        && moves(a)
-        && a.positions.iter().zip(&b.positions).all(|(a, b)| {
-            let late_s = (a.arrived_at.seconds() - start_a) - (b.arrived_at.seconds() - start_b);
-            let apart = |(x, y): (f64, f64)| (x - y).abs() <= SAME_PLACE_M || (x.is_nan() && y.is_nan());
-            late_s.abs() <= SAME_TIME_S
-                && a.status == b.status
-                && a.position_m.into_iter().zip(b.position_m).all(apart)
+    let Some(first) = shorter.first() else { return false };
+    if shorter.len() < LEAST_POSITIONS || shorter.iter().all(|position| same_place(position, first)) {
+        return false;
+    }
+    let since = |position: &PositionSample, first: &PositionSample| {
+        position.exposed_at.seconds() - first.exposed_at.seconds()
+    };
+    // On the ground many positions are alike: each of them may be the one that the shorter begins with.
+    longer.iter().enumerate().filter(|(_, start)| same_place(start, first)).any(|(place, start)| {
+        let mut rest = longer[place..].iter();
+        shorter.iter().all(|position| {
+            let due_s = since(position, first);
+            rest.by_ref().find(|candidate| since(candidate, start) >= due_s - SAME_TIME_S).is_some_and(
+                |candidate| since(candidate, start) <= due_s + SAME_TIME_S && same_place(candidate, position),
+            )
         })
+    })
 }
 
 impl NominalRig {
     /// The model for these recordings: the one given, held against what they carry, or else the one that all of them carry.
-    pub fn resolve(&self, recorded: &Recorded) -> anyhow::Result<Nominal> {
-        let attached = attached(recorded)?;
+    pub fn resolve(&self, paths: &[PathBuf]) -> anyhow::Result<Nominal> {
+        let sessions = paths
+            .iter()
+            .map(|path| Ok((path.as_path(), Recording::open(path)?.session().clone())))
+            .collect::<anyhow::Result<Vec<(&Path, Session)>>>()?;
+        let attached = attached(&sessions)?;
         let nominal = match &self.rig {
             Some(named) => given(named, &attached)?,
-            None => carried(recorded, attached)?,
+            None => carried(&sessions, attached)?,
         };
         // The rig's own effects are part of the model.
         resolve_all(&nominal.rig.effects).with_context(|| format!("the effects of {}", nominal.from))?;
@@ -114,15 +132,15 @@ impl NominalRig {
 }
 
 /// The rig that each recording carries, if it carries one.
-fn attached(recorded: &Recorded) -> anyhow::Result<Vec<(&Path, Rig)>> {
+fn attached<'a>(sessions: &[(&'a Path, Session)]) -> anyhow::Result<Vec<(&'a Path, Rig)>> {
     let mut rigs = Vec::new();
-    for (path, flight) in &recorded.flights {
-        if let Some(text) = flight.rig_toml() {
+    for (path, session) in sessions {
+        if let Some(text) = &session.rig_toml {
             let within = path.join("rig.toml");
             let rig = Rig::read(&within, text).with_context(|| {
                 format!("the rig attached to {} cannot be read; name one with --rig", path.display())
             })?;
-            rigs.push((path.as_path(), rig));
+            rigs.push((*path, rig));
         }
     }
     Ok(rigs)
@@ -188,8 +206,8 @@ fn sticks_in(actuation: Actuation) -> &'static str {
     }
 }
 
-fn carried(recorded: &Recorded, attached: Vec<(&Path, Rig)>) -> anyhow::Result<Nominal> {
-    let without = recorded.flights.iter().find(|(_, flight)| flight.rig_toml().is_none());
+fn carried(sessions: &[(&Path, Session)], attached: Vec<(&Path, Rig)>) -> anyhow::Result<Nominal> {
+    let without = sessions.iter().find(|(_, session)| session.rig_toml.is_none());
     let mut attached = attached.into_iter();
     let Some((first, rig)) = attached.next() else {
         bail!(
@@ -220,8 +238,7 @@ fn carried(recorded: &Recorded, attached: Vec<(&Path, Rig)>) -> anyhow::Result<N
             );
         }
     }
-    for (path, flight) in &recorded.flights {
-        let session = &flight.session;
+    for (path, session) in sessions {
         let of_before = session.mode != Mode::Import && !session.extra.contains_key(ADDED_EFFECTS);
         if of_before && !rig.effects.is_empty() {
             bail!(

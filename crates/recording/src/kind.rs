@@ -45,7 +45,7 @@ pub enum FileKind {
     Zip,
     /// A PX4 log.
     Ulog,
-    /// An ArduPilot log.
+    /// A log of the autopilot `ArduPilot`.
     Dataflash,
     /// A Betaflight log.
     Blackbox,
@@ -53,7 +53,7 @@ pub enum FileKind {
     Parquet,
     /// A bag of ROS 1.
     Rosbag1,
-    /// An SQLite database, as bags of ROS 2 were before they were MCAP.
+    /// A database of `SQLite`, as bags of ROS 2 were before they were MCAP.
     Sqlite,
     /// Something packed.
     Compressed,

@@ -58,10 +58,15 @@ fn told(x: f64, from: f64) -> String {
         return plain;
     }
     // From the three digits of the plain words on.
-    let least = (2 - x.abs().log10().floor() as i32).clamp(0, MOST as i32) as usize;
-    let mut more = (least..=MOST).map(|places| format!("{x:.places$}"));
+    let least = (2 - x.abs().log10().floor() as i32).max(0) as usize;
+    let mut more = (least.min(MOST)..=MOST).map(|places| format!("{x:.places$}"));
     more.find(|text| text.parse() != Ok(from)).unwrap_or(plain)
 }
+
+/// Name, factor to its unit, figure of a flight, limit.
+type OfFlights = (&'static str, f64, fn(&Figures) -> f64, f64);
+/// Name, margin of a loop, limit.
+type OfLoop = (&'static str, fn(&Margins) -> Option<f64>, f64);
 
 /// All limits of a loop: figures of fresh airframes with the rig's gains and those found, and the margins of both.
 pub(crate) fn judge(
@@ -74,14 +79,12 @@ pub(crate) fn judge(
         LoopKind::Altitude => "activity, % of weight",
         LoopKind::Lateral => "activity, % of gravity",
     };
-    type OfFlights = (&'static str, f64, fn(&Figures) -> f64, f64);
     let of_flights: [OfFlights; 4] = [
         ("RMS in hold, cm", 100.0, |f| f.rms_m, limits.rms_m),
         ("overshoot of a step, %", 100.0, |f| f.overshoot, limits.overshoot),
         ("settling of a step, s", 1.0, |f| f.settling_s, limits.settling_s),
         (activity, 100.0, |f| f.activity, limits.activity),
     ];
-    type OfLoop = (&'static str, fn(&Margins) -> Option<f64>, f64);
     let of_loop: [OfLoop; 4] = [
         ("gain may rise by, dB", |m| m.gain_db, limits.gain_db),
         ("gain may fall by, dB", |m| m.gain_reduction_db, limits.gain_db),

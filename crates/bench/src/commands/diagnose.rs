@@ -65,7 +65,7 @@ pub struct Arguments {
     calibrate: Option<usize>,
     /// What makes probabilities: built-in; auto, what this machine has learnt of this rig and these missions, if it has; or a
     /// file that --write-calibration wrote
-    #[arg(long, value_name = "built-in|auto|FILE", default_value = "built-in", value_parser = clap::builder::ValueParser::new(wanted))]
+    #[arg(long, value_name = "built-in|auto|FILE", default_value = "built-in")]
     calibration: Wanted,
     /// Write the calibration that was learnt, for --calibration on another machine
     #[arg(long, value_name = "FILE")]
@@ -96,10 +96,6 @@ pub struct Arguments {
 /// What is told is then more often right than wrong: probabilities are calibrated, so that half of what is told with 50 % is right.
 const MIN_CONFIDENCE: f64 = 0.5;
 
-fn wanted(text: &str) -> Result<Wanted, std::convert::Infallible> {
-    Ok(Wanted::from(text))
-}
-
 fn probability(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(p) if (0.0..1.0).contains(&p) => Ok(p),
@@ -116,26 +112,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.write_calibration.as_deref(), Form::Any)
         .from(arguments.selection.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let recorded = arguments.selection.load()?;
-    let nominal = arguments.rig.resolve(&recorded)?;
+    let nominal = arguments.rig.resolve(&arguments.selection.flights)?;
     let rig = nominal.rig;
-    let (tracks, refused) = arguments.selection.tracks(&recorded, &rig);
+    let mut flown = Missions::default();
+    let mut unread = Vec::new();
+    let (tracks, unused) = arguments.selection.tracks(&rig, |path, flight| {
+        match flight.mission_toml().map(|text| Mission::read(path, text)) {
+            Some(Ok(mission)) => flown.0.push(mission),
+            // The flights can be diagnosed all the same.
+            Some(Err(error)) => unread.push(format!("the mission that {} holds: {error}", path.display())),
+            None => {}
+        }
+    })?;
     if tracks.is_empty() {
-        bail!("none of the flights can be diagnosed:\n{}", refused.join("\n"));
+        bail!("none of the flights can be diagnosed:\n{}", unused.join("\n"));
     }
     for track in &tracks {
         plausible_altitude(track, &rig).context("nothing diagnosed")?;
     }
-    let mut warnings = [recorded.remarks.clone(), nominal.remarks, refused].concat();
-    let mut flown = Missions::default();
-    for (path, flight) in &recorded.flights {
-        match flight.mission_toml().map(|text| Mission::read(path, text)) {
-            Some(Ok(mission)) => flown.0.push(mission),
-            // The flights can be diagnosed all the same.
-            Some(Err(error)) => warnings.push(format!("the mission that {} holds: {error}", path.display())),
-            None => {}
-        }
-    }
+    let mut warnings = [unused, nominal.remarks, unread].concat();
     warnings.extend(unused_motion(&tracks, &rig));
     let chosen = match arguments.calibrate {
         Some(sets) => calibration::learnt(&rig, &flown, sets)?,

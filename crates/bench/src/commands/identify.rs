@@ -192,15 +192,13 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
         .and(arguments.output.as_path(), Form::Toml)
         .from(selection.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let recorded = selection.load()?;
-    let nominal = arguments.rig.resolve(&recorded)?;
+    let nominal = arguments.rig.resolve(&selection.flights)?;
     let rig = nominal.rig;
-    let (tracks, refused) = selection.tracks(&recorded, &rig);
+    let (tracks, unused) = selection.tracks(&rig, |_, _| ())?;
     let progress = Progress::of("identify flight");
     progress.begin_untold(&format!("fitting the rig to {}", words::count(tracks.len() as u64, "flight")));
     let found = identify_flights(&tracks, &rig);
     drop(progress);
-    let unused = [recorded.remarks.as_slice(), refused.as_slice()].concat();
     let mut found = found.with_context(|| match unused.as_slice() {
         [] => "nothing identified, nothing written".to_owned(),
         unused => format!("nothing identified, nothing written; not used:\n{}", unused.join("\n")),

@@ -1,8 +1,9 @@
 //! Flights as the diagnosis and the identification take them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use bench_diagnosis::Track;
+use bench_recording::Flight;
 use bench_rig::Rig;
 use clap::{Args, ValueEnum};
 
@@ -56,10 +57,15 @@ impl Selection {
         above.into_iter().chain(without).collect()
     }
 
-    /// Reads the flights, less what is to be left out of them.
-    pub fn load(&self) -> anyhow::Result<Recorded> {
-        let mut recorded = Recorded::load(&self.flights)?;
-        for (_, flight) in &mut recorded.flights {
+    /// The flights as a rig sees them, each shown to `look` before; those that cannot be used, and those that are given twice,
+    /// are told in words.
+    pub fn tracks(
+        &self,
+        rig: &Rig,
+        mut look: impl FnMut(&Path, &Flight),
+    ) -> anyhow::Result<(Vec<Track>, Vec<String>)> {
+        let recorded = Recorded::read(&self.flights, |path, mut flight| {
+            look(path, &flight);
             for channel in &self.without {
                 match channel {
                     Left::Battery => flight.battery.clear(),
@@ -69,24 +75,20 @@ impl Selection {
                     Left::Tick => flight.ticks.clear(),
                 }
             }
-        }
-        Ok(recorded)
-    }
-
-    /// The flights as a rig sees them; those that cannot be used are told in words.
-    pub fn tracks(&self, recorded: &Recorded, rig: &Rig) -> (Vec<Track>, Vec<String>) {
-        let (mut tracks, mut refused) = (Vec::new(), Vec::new());
-        for (path, flight) in &recorded.flights {
-            let track = Track::from_flight(&path.display().to_string(), flight, rig);
-            let track = match self.above {
+            let track = Track::from_flight(&path.display().to_string(), &flight, rig);
+            Ok(match self.above {
                 Some(above_m) => track.and_then(|track| track.above(above_m, rig)),
                 None => track,
-            };
+            })
+        })?;
+        let mut tracks = Vec::new();
+        let mut remarks = recorded.remarks;
+        for track in recorded.made {
             match track {
                 Ok(track) => tracks.push(track),
-                Err(error) => refused.push(error.to_string()),
+                Err(error) => remarks.push(error.to_string()),
             }
         }
-        (tracks, refused)
+        Ok((tracks, remarks))
     }
 }

@@ -85,17 +85,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.page.html.as_deref(), Form::Html)
         .from(arguments.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let recorded = Recorded::load(&arguments.flights)?;
-    let nominal = arguments.rig.resolve(&recorded)?;
+    let nominal = arguments.rig.resolve(&arguments.flights)?;
+    let rig = nominal.rig;
+    let recorded = Recorded::read(&arguments.flights, |path, flight| {
+        open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
+    })?;
     for remark in recorded.remarks.iter().chain(&nominal.remarks) {
         eprintln!("warning: {remark}");
     }
-    let rig = nominal.rig;
-    let mut flights = Vec::new();
-    for (path, flight) in &recorded.flights {
-        flights.push(open_loop(&path.display().to_string(), flight, &rig).context("nothing verified")?);
-    }
-    let found = verify(&flights, &rig, &tolerance).context("nothing verified")?;
+    let found = verify(&recorded.made, &rig, &tolerance).context("nothing verified")?;
     if let Some(page) = &arguments.page.html {
         files::write_and_say(page, &model_page::verification(&found, &rig))?;
     }

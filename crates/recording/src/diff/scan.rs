@@ -133,7 +133,7 @@ impl Signal {
 
 /// Where records come from, as often as wanted.
 pub(super) enum Source {
-    File(Recording),
+    File(Box<Recording>),
     Memory(Session, Vec<Record>),
 }
 
@@ -209,7 +209,7 @@ pub(super) struct Scan {
 
 impl Scan {
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
-        Self::of(Source::File(Recording::open(path)?))
+        Self::of(Source::File(Box::new(Recording::open(path)?)))
     }
 
     pub fn of(source: Source) -> Result<Self, RecordingError> {
