@@ -62,7 +62,7 @@ fn what_an_effect_changes_stands_first() {
     ] {
         let b = scratch.name("b.mcap");
         // The effect may well miss the mission's criteria.
-        bench(["sim", "-o", &b, "--seed", "2", "--effect", effect]).assert().code(vec![0, 1]);
+        bench(["sim", "-o", &b, "--force", "--seed", "2", "--effect", effect]).assert().code(vec![0, 1]);
         let report = json(&diff(&scratch, &[&a, &b, "--json"]).assert().code(1));
         let first = report["fields"].as_array().unwrap().iter().take(4);
         let first: Vec<_> = first.map(|field| field["field"].as_str().unwrap()).collect();

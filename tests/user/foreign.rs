@@ -103,7 +103,7 @@ fn a_table_of_our_own_becomes_the_flight_that_it_was() {
         let of = |recording: &str| json(&bench(["info", recording, "--json"]).assert().success());
         assert_eq!(of(&again)["rig"], rig);
         let [before, after] = [&flight, &again].map(|recording| {
-            json(&bench(["diagnose", recording, "--json"]).assert().success())["verdict"].clone()
+            json(&bench(["diagnose", recording, "--json"]).assert().success())["leading"].clone()
         });
         assert_eq!(before, after, "{rig}");
     }
