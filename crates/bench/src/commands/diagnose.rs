@@ -64,7 +64,7 @@ pub struct Arguments {
     calibrate: Option<usize>,
     /// What makes probabilities: built-in; auto, what this machine has learnt of this rig and these missions, if it has; or a
     /// file that --write-calibration wrote
-    #[arg(long, value_name = "built-in|auto|FILE", default_value = "built-in", value_parser = clap::builder::ValueParser::new(wanted))]
+    #[arg(long, value_name = "built-in|auto|FILE", default_value = "built-in")]
     calibration: Wanted,
     /// Write the calibration that was learnt, for --calibration on another machine
     #[arg(long, value_name = "FILE")]
@@ -94,10 +94,6 @@ pub struct Arguments {
 
 /// What is told is then more often right than wrong: probabilities are calibrated, so that half of what is told with 50 % is right.
 const MIN_CONFIDENCE: f64 = 0.5;
-
-fn wanted(text: &str) -> Result<Wanted, std::convert::Infallible> {
-    Ok(Wanted::from(text))
-}
 
 fn probability(text: &str) -> Result<f64, String> {
     match text.parse() {
