@@ -12,9 +12,9 @@ use crate::{
 
 /// Which of the horizons is told.
 const HORIZON: usize = 1;
-/// An error so many times what is allowed is far outside: the library's effects at three sigma of their priors reach six, and so do
-/// offsets of the throttle that are 40 tolerances off, which they can stand for.
-const FAR: f64 = 10.0;
+/// An error so many times what is allowed is far outside: the library's effects at three sigma of their priors reach six. An offset of
+/// the throttle that is 70 tolerances off reaches nine.
+const FAR: f64 = 7.0;
 /// A number of the rig further off than so many tolerances is another one.
 const MOST_TOLERANCES: f64 = 10.0;
 /// An effect further off than so many deviations of its prior is none that the library means.

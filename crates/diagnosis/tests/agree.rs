@@ -18,7 +18,7 @@ use flown::fly;
 const MISSIONS: [&str; 4] = ["climb-040", "hop", "steps", "low-hover"];
 
 fn sets() -> u64 {
-    std::env::var("BENCH_SETS").ok().and_then(|text| text.parse().ok()).unwrap_or(2)
+    std::env::var("BENCH_SETS").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
 /// An airframe within the rig's tolerances, with an effect or without.
