@@ -127,7 +127,7 @@ impl Drop for Progress {
         *unpoisoned(&self.shared.ended) = true;
         self.shared.wake.notify_all();
         if let Some(shows) = self.shows.take() {
-            // A panic there is no reason for one here.
+            // That the screen failed is no reason for the work to fail.
             let _ = shows.join();
         }
         if let Some(bar) = &self.shared.bar {
