@@ -173,15 +173,16 @@ impl Track {
         }
     }
 
-    /// The differences to `value` within a time of the instant: at its ends, where there is a value, and of all samples
-    /// between them.
+    /// The differences to a sample's value within a time of it: at the ends of that time, where there is a value, and of all
+    /// samples between them, those beyond a seam as well. What follows from a new phase, such as thrust, follows a little later in
+    /// real time than in a simulation.
     fn around(&self, law: Law, sample: Sample, within_ns: i64) -> impl Iterator<Item = f64> {
         let (from_ns, until_ns) =
             (sample.t_ns.saturating_sub(within_ns), sample.t_ns.saturating_add(within_ns));
         let ends = [from_ns, until_ns].map(|t_ns| self.at(law, t_ns, sample.piece));
         let first = self.window.partition_point(|other| other.t_ns < from_ns);
         let between = self.window.range(first..).take_while(move |other| other.t_ns <= until_ns);
-        let between = between.filter(move |other| other.piece == sample.piece).map(|other| other.value);
+        let between = between.map(|other| other.value);
         ends.into_iter().flatten().chain(between).map(move |value| difference(law, sample.value, value))
     }
 
