@@ -42,7 +42,12 @@ const SLOW: &[&str] = &[
 const ENDS_WITH: &[(&str, i32, &str)] = &[
     ("--floor lab-1.mcap", 0, "they differ by no more than such flights do"),
     ("bench diff recordings/virtual_climb-040_seed0.mcap lag.mcap", 1, "a lag makes a difference"),
-    ("bench diff sim.mcap lab.mcap", 1, "two flights of different seeds differ"),
+    (
+        "bench diff recordings/virtual_climb-040_seed0.mcap tired.mcap",
+        1,
+        "a tired battery makes a difference",
+    ),
+    ("hop-*.mcap --tolerance 0.03", 1, "the tolerances of that copy are too wide for hops to tell anything"),
     ("bench recover cut.mcap", 3, "the end was lost"),
 ];
 
@@ -55,6 +60,7 @@ const FIXTURES: &[(&str, &str)] = &[
     ("flight.csv", "bench sim -o flown.mcap && bench export flown.mcap -o flight.csv"),
     ("lab.mcap", "bench sim --seed 1 -o lab.mcap"),
     ("sim.mcap", "bench sim -o sim.mcap"),
+    ("sim-again.mcap", "bench sim -o sim-again.mcap"),
     ("lab-1.mcap", "for s in 1 2 3; do bench sim --seed $s -o lab-$s.mcap; done"),
     (
         "flight-*.mcap",

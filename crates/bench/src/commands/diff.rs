@@ -17,7 +17,7 @@ use crate::{
 #[command(after_help = "Examples:
   bench diff sim.mcap lab.mcap
   bench diff sim.mcap lab.mcap --html diff.html --abs position_m.z=0.02
-  bench diff seed-1.mcap seed-1-again.mcap --exact
+  bench diff sim.mcap sim-again.mcap --exact
   bench diff sim.mcap lab.mcap --floor lab-1.mcap lab-2.mcap lab-3.mcap
 
 Tolerances are derived from the rig and mission attached to both recordings: what the rig
