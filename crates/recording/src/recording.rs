@@ -65,7 +65,12 @@ impl Recording {
 
     /// Reads the records in the order of the file, which is that in which they were recorded.
     pub fn records(&self) -> Result<Records, RecordingError> {
-        Records::open(&self.path, self.chunks.clone())
+        self.records_of(&Channel::ALL)
+    }
+
+    /// The same of some channels only; what stands in the others is neither decoded nor checked.
+    pub(crate) fn records_of(&self, channels: &[Channel]) -> Result<Records, RecordingError> {
+        Records::open(&self.path, self.chunks.clone(), channels.to_vec())
     }
 }
 
@@ -82,13 +87,14 @@ pub struct Records {
     /// The records of the chunk that is being read.
     chunk: Option<RecordStream<ChunkReader<Vec<u8>>>>,
     body: Vec<u8>,
-    /// By MCAP channel; topics that hold no records are absent.
+    /// By MCAP channel; topics that hold no records, or none that are wanted, are absent.
     channels: Vec<Option<Channel>>,
+    wanted: Vec<Channel>,
     past_data: bool,
 }
 
 impl Records {
-    fn open(path: &Path, chunks: Option<Vec<u64>>) -> Result<Self, RecordingError> {
+    fn open(path: &Path, chunks: Option<Vec<u64>>, wanted: Vec<Channel>) -> Result<Self, RecordingError> {
         let mut container = Container::open(path)?;
         container.rewind()?;
         let options =
@@ -101,6 +107,7 @@ impl Records {
             chunk: None,
             body: Vec::new(),
             channels: Vec::new(),
+            wanted,
             past_data: false,
         })
     }
@@ -111,7 +118,7 @@ impl Records {
             let record = container::parse(opcode, &self.body).map_err(|error| self.error(&error))?;
             match record {
                 McapRecord::Channel(channel) if !self.past_data => {
-                    remember(&mut self.channels, &channel);
+                    remember(&mut self.channels, &channel, &self.wanted);
                 }
                 McapRecord::Message { header, data } => {
                     if let Some(channel) =
@@ -198,12 +205,12 @@ impl Iterator for Records {
     }
 }
 
-fn remember(channels: &mut Vec<Option<Channel>>, channel: &records::Channel) {
+fn remember(channels: &mut Vec<Option<Channel>>, channel: &records::Channel, wanted: &[Channel]) {
     let id = usize::from(channel.id);
     if channels.len() <= id {
         channels.resize(id + 1, None);
     }
-    channels[id] = Channel::from_topic(&channel.topic);
+    channels[id] = Channel::from_topic(&channel.topic).filter(|channel| wanted.contains(channel));
 }
 
 fn decode(path: &Path, channel: Channel, log_time: u64, data: &[u8]) -> Result<Record, RecordingError> {

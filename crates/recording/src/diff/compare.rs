@@ -11,7 +11,7 @@ use std::{
 
 use super::{
     align::TimeMap,
-    law::{Cell, Entry, Extractor, Interpolation, Law, catalogue, name_number, wrapped},
+    law::{Cell, Entry, Extractor, Interpolation, Law, catalogue, name_number, slots, wrapped},
     report::{Tolerance, Trace},
     scan::Scan,
     series::{Series, Shift, best_shift},
@@ -21,6 +21,11 @@ use crate::{Channel, Record, RecordingError, Value};
 
 /// Most names that are kept for messages.
 const NAMES_MAX: usize = 1000;
+
+/// So many samples come before some are compared: a look at the windows costs as much as a sample.
+const SETTLED_AT_ONCE: usize = 32;
+/// Recordings of more records than this are compared by two threads, half of the fields each.
+const SHARED_OUT_FROM: u64 = 20_000;
 
 /// How one field is compared in this run.
 #[derive(Clone, Copy, Debug)]
@@ -238,6 +243,8 @@ struct FieldMerge<'a> {
     /// Where pieces of the alignment are cut short.
     cuts_ns: &'a [Option<i64>],
     tracks: [Track; 2],
+    /// Samples since some were last compared.
+    unsettled: usize,
     /// Instants of which both recordings have samples of anything; events outside are not looked for.
     shared_ns: (i64, i64),
     tally: Tally,
@@ -252,6 +259,7 @@ impl<'a> FieldMerge<'a> {
         Self {
             within_ns: (setup.tolerance.time_s * 1e9).round() as i64,
             tracks: setup.gaps_ns.map(Track::new),
+            unsettled: 0,
             cuts_ns,
             shared_ns,
             tally: Tally::default(),
@@ -278,7 +286,11 @@ impl<'a> FieldMerge<'a> {
             trace.value(side, sample.t_ns, sample.value);
         }
         // Both recordings come in one order of time, so all that is older than this has come.
-        self.settle(sample.t_ns.saturating_sub(self.reach_ns()));
+        self.unsettled += 1;
+        if self.unsettled == SETTLED_AT_ONCE {
+            self.unsettled = 0;
+            self.settle(sample.t_ns.saturating_sub(self.reach_ns()));
+        }
     }
 
     /// Compares all samples before an instant.
@@ -412,14 +424,62 @@ pub(super) fn compare(
     let merge = |setup: &Option<Setup>| setup.map(|setup| FieldMerge::new(setup, shared_ns, &cuts_ns, axis));
     let mut merges: Vec<Option<FieldMerge<'_>>> = setups.iter().map(merge).collect();
     let mut names = Names::default();
-    let channels = Channel::ALL;
+    let channels: Vec<Channel> = Channel::ALL
+        .into_iter()
+        .filter(|channel| merges[slots_of(*channel)].iter().any(Option::is_some))
+        .collect();
     // A file that is out of order is read once a channel: each for itself is in order, or nothing is.
-    let groups: Vec<&[Channel]> =
-        if a.is_unsorted() || b.is_unsorted() { channels.chunks(1).collect() } else { vec![&channels] };
-    for group in groups {
-        read_both(a, b, map, group, &mut merges, &mut names)?;
+    if a.is_unsorted() || b.is_unsorted() {
+        for channel in channels {
+            read_both(a, b, map, &[channel], &mut merges, &mut names)?;
+        }
+    } else if a.records.max(b.records) < SHARED_OUT_FROM {
+        read_both(a, b, map, &channels, &mut merges, &mut names)?;
+    } else {
+        let [here, there] = halves(&channels, a, b);
+        let mut others = Vec::new();
+        others.resize_with(merges.len(), || None);
+        for slot in there.iter().flat_map(|channel| slots_of(*channel)) {
+            others[slot] = merges[slot].take();
+        }
+        let mut other_names = Names::default();
+        let [first, second] = thread::scope(|scope| {
+            let other = scope.spawn(|| read_both(a, b, map, &there, &mut others, &mut other_names));
+            let first = read_both(a, b, map, &here, &mut merges, &mut names);
+            [first, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
+        });
+        first.and(second)?;
+        names.names.extend(other_names.names);
+        for (merge, other) in merges.iter_mut().zip(others) {
+            if other.is_some() {
+                *merge = other;
+            }
+        }
     }
     Ok(merges.into_iter().map(|merge| merge.map(|merge| merge.finish(&names))).collect())
+}
+
+/// A channel's places in the catalogue.
+fn slots_of(channel: Channel) -> std::ops::Range<usize> {
+    let first = slots()[channel as usize];
+    first..first + channel.fields().len()
+}
+
+/// The channels in two parts of about as many samples.
+fn halves(channels: &[Channel], a: &Scan, b: &Scan) -> [Vec<Channel>; 2] {
+    let samples = |channel: &Channel| -> u64 {
+        slots_of(*channel).map(|slot| a.fields[slot].count + b.fields[slot].count).sum()
+    };
+    let mut channels: Vec<(u64, Channel)> =
+        channels.iter().map(|channel| (samples(channel), *channel)).collect();
+    channels.sort_by_key(|(samples, _)| std::cmp::Reverse(*samples));
+    let mut halves = [(0, Vec::new()), (0, Vec::new())];
+    for (samples, channel) in channels {
+        let smaller = usize::from(halves[1].0 < halves[0].0);
+        halves[smaller].0 += samples;
+        halves[smaller].1.push(channel);
+    }
+    halves.map(|(_, channels)| channels)
 }
 
 /// Records that a thread reads ahead before it waits: so many a batch, and so many batches.

@@ -157,15 +157,20 @@ impl Source {
         }
     }
 
-    fn records(
-        &self,
-    ) -> Result<Box<dyn Iterator<Item = Result<Record, RecordingError>> + '_>, RecordingError> {
+    fn records(&self, channels: &[Channel]) -> Result<Box<Records<'_>>, RecordingError> {
         Ok(match self {
-            Self::File(recording) => Box::new(recording.records()?),
-            Self::Memory(_, records) => Box::new(records.iter().copied().map(Ok)),
+            Self::File(recording) => Box::new(recording.records_of(channels)?),
+            Self::Memory(_, records) => {
+                let channels = channels.to_vec();
+                let wanted = move |record: &&Record| channels.contains(&record.channel());
+                Box::new(records.iter().filter(wanted).copied().map(Ok))
+            }
         })
     }
 }
+
+/// Records as they are read.
+type Records<'a> = dyn Iterator<Item = Result<Record, RecordingError>> + 'a;
 
 /// A stretch of a flight whose start is known in every recording of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -228,7 +233,7 @@ impl Scan {
             source: Source::memory(Session::new(Mode::Sim), Vec::new()),
         };
         let mut extractor = Extractor::new();
-        for record in source.records()? {
+        for record in source.records(&Channel::ALL)? {
             scan.take(&record?, &mut extractor);
         }
         scan.source = source;
@@ -316,11 +321,7 @@ impl Scan {
         &self,
         channels: &[Channel],
     ) -> Result<Sorted<impl Iterator<Item = Result<Record, RecordingError>> + '_>, RecordingError> {
-        let channels = channels.to_vec();
-        let wanted = move |record: &Result<Record, RecordingError>| {
-            record.as_ref().map_or(true, |record| channels.contains(&record.channel()))
-        };
-        Ok(Sorted::new(self.source.records()?.filter(wanted), self.disorder_ns.min(DISORDER_MAX_NS)))
+        Ok(Sorted::new(self.source.records(channels)?, self.disorder_ns.min(DISORDER_MAX_NS)))
     }
 }
 
@@ -405,6 +406,9 @@ impl<I: Iterator<Item = Result<Record, RecordingError>>> Iterator for Sorted<I> 
     type Item = Result<(i64, Record), RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if self.behind_ns == 0 {
+            return self.records.next().map(|read| read.map(|record| (nanos(record.time()), record)));
+        }
         if let Err(error) = self.fill() {
             return Some(Err(error));
         }
