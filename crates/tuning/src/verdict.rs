@@ -186,8 +186,8 @@ impl Tuning {
 mod tests {
     use super::*;
 
-    fn figures(activity: f64) -> Option<Figures> {
-        Some(Figures { rms_m: 0.01, overshoot: 0.1, settling_s: 3.0, activity })
+    fn figures(activity: f64) -> Figures {
+        Figures { rms_m: 0.01, overshoot: 0.1, settling_s: 3.0, activity }
     }
 
     fn limits() -> Limits {
@@ -210,7 +210,7 @@ mod tests {
     fn a_percentile_is_at_its_limit_within_what_it_is_known_to_and_broken_beyond() {
         // Spread evenly by a tenth about a centre: the 95th percentile stands 4.5 % above it.
         let spread = |centre: f64| -> Vec<Option<Figures>> {
-            (0..600).map(|i| figures(centre * (0.95 + 0.1 * f64::from(i) / 600.0))).collect()
+            (0..600).map(|i| Some(figures(centre * (0.95 + 0.1 * f64::from(i) / 600.0)))).collect()
         };
         assert_eq!(activity_of(&spread(0.019)).standing, Standing::Held);
         let at = activity_of(&spread(0.01915));
@@ -218,13 +218,13 @@ mod tests {
         assert!(at.between.unwrap()[0] <= 2.0 && at.after.unwrap() > 2.0);
         assert_eq!(activity_of(&spread(0.0196)).standing, Standing::Broken);
         // One in twenty that does not get through is too many, however the others are.
-        let lost: Vec<_> = (0..100).map(|i| if i < 20 { None } else { figures(0.01) }).collect();
+        let lost: Vec<_> = (0..100).map(|i| (i >= 20).then(|| figures(0.01))).collect();
         assert_eq!((activity_of(&lost).standing, activity_of(&lost).after), (Standing::Broken, None));
     }
 
     #[test]
     fn a_loop_that_is_not_stable_holds_no_margin() {
-        let flown = [figures(0.01)];
+        let flown = [Some(figures(0.01))];
         let judged = judge(LoopKind::Lateral, &limits(), [&flown, &flown], [None, None]);
         assert!(judged[4..].iter().all(|judged| judged.standing == Standing::Broken), "{judged:?}");
     }
