@@ -60,6 +60,7 @@ const FIXTURES: &[(&str, &str)] = &[
     ("flight.csv", "bench sim -o flown.mcap && bench export flown.mcap -o flight.csv"),
     ("lab.mcap", "bench sim --seed 1 -o lab.mcap"),
     ("sim.mcap", "bench sim -o sim.mcap"),
+    ("reference.mcap", "bench sim --seed 1 -o reference.mcap"),
     ("sim-again.mcap", "bench sim -o sim-again.mcap"),
     ("lab-1.mcap", "for s in 1 2 3; do bench sim --seed $s -o lab-$s.mcap; done"),
     (
@@ -214,6 +215,10 @@ impl<'a> Shell<'a> {
             .args(["-o", "pipefail", "-c", line])
             .current_dir(self.folder)
             .env("PATH", &self.path)
+            // What an example writes into the home folder stays in this one.
+            .env("HOME", self.folder)
+            .env_remove("XDG_CACHE_HOME")
+            .env_remove("XDG_DATA_HOME")
             .stdin(std::process::Stdio::null())
             .output()
             .unwrap();

@@ -131,7 +131,8 @@ fn what_is_wrong_with_the_frames_is_diagnosed_and_nothing_where_nothing_is() {
                 flight
             })
             .collect();
-        let mut command = bench(["diagnose", "--rig", "rigs/virtual.toml", "--json"]);
+        let mut command =
+            bench(["diagnose", "--rig", "rigs/virtual.toml", "--json", "--min-confidence", "0"]);
         let report = json(&command.args(&flights).assert().success());
         let named: Vec<&str> =
             report["effects"].as_array().unwrap().iter().filter_map(|name| name.as_str()).collect();

@@ -112,9 +112,18 @@ fn usb_lab_is_flown_through_the_real_drivers_and_what_was_planted_in_it_is_found
 
     let flights = [scratch.name("hop.mcap"), scratch.name("climb-040.mcap")];
     let diagnosed = json(
-        &bench(["diagnose", "--rig", "rigs/transmitter.toml", "--json", &flights[0], &flights[1]])
-            .assert()
-            .success(),
+        &bench([
+            "diagnose",
+            "--rig",
+            "rigs/transmitter.toml",
+            "--json",
+            "--min-confidence",
+            "0",
+            &flights[0],
+            &flights[1],
+        ])
+        .assert()
+        .success(),
     );
     let named = diagnosed["effects"].as_array().unwrap();
     assert!(named.contains(&"rotor-lag".into()), "{diagnosed}");
@@ -150,9 +159,18 @@ fn usb_lab_without_anything_planted_shows_none() {
     );
     let flights = [scratch.name("hop.mcap"), scratch.name("climb-040.mcap")];
     let diagnosed = json(
-        &bench(["diagnose", "--rig", "rigs/transmitter.toml", "--json", &flights[0], &flights[1]])
-            .assert()
-            .success(),
+        &bench([
+            "diagnose",
+            "--rig",
+            "rigs/transmitter.toml",
+            "--json",
+            "--min-confidence",
+            "0",
+            &flights[0],
+            &flights[1],
+        ])
+        .assert()
+        .success(),
     );
     assert_eq!(
         (&diagnosed["verdict"], &diagnosed["effects"]),

@@ -66,8 +66,16 @@ fn what_goes_wrong_on_the_way_to_the_airframe_is_diagnosed() {
                 for (number, flight) in flights.iter().enumerate() {
                     fly_to_the_end(&scratch, &mission, faults, held_up, number, flight);
                 }
-                let diagnose =
-                    ["diagnose", "--rig", "rigs/loopback.toml", "--json", &flights[0], &flights[1]];
+                let diagnose = [
+                    "diagnose",
+                    "--rig",
+                    "rigs/loopback.toml",
+                    "--json",
+                    "--min-confidence",
+                    "0",
+                    &flights[0],
+                    &flights[1],
+                ];
                 let report = json(&bench(diagnose).assert().success());
                 let named: Vec<&str> =
                     report["effects"].as_array().unwrap().iter().filter_map(|name| name.as_str()).collect();
