@@ -55,6 +55,8 @@ const ENDS_WITH: &[(&str, i32, &str)] = &[
 /// What an example needs, by a part of it, and the commands that make it.
 const FIXTURES: &[(&str, &str)] = &[
     ("my-quad.toml", "bench rigs copy virtual -o my-quad.toml"),
+    ("my-rig.toml", "bench rigs copy virtual -o my-rig.toml"),
+    ("draft.toml", "bench rigs copy airframes/hubsan-q4 -o draft.toml"),
     ("my-quad-2.toml", "bench rigs copy virtual -o my-quad-2.toml"),
     ("with-thrust.toml", "bench rigs copy virtual -o with-thrust.toml"),
     ("flight.mcap", "bench sim -o flight.mcap"),
@@ -190,7 +192,7 @@ fn is_slow(line: &str) -> bool {
     SLOW.iter().any(|part| line.contains(part))
 }
 
-/// A shell in a folder that finds `bench`, and stand-ins for a browser and for jq.
+/// A shell in a folder that finds `bench`, and stand-ins for a browser, for jq and for man.
 struct Shell<'a> {
     folder: &'a Path,
     path: String,
@@ -200,10 +202,14 @@ impl<'a> Shell<'a> {
     fn in_folder(scratch: &'a Scratch, folder: &'a Path) -> Self {
         let tools = scratch.path("tools");
         fs::create_dir_all(&tools).unwrap();
-        for name in ["xdg-open", "jq"] {
+        for name in ["xdg-open", "jq", "man"] {
             let tool = tools.join(name);
             fs::write(&tool, "#!/bin/sh\ntest -t 0 || cat > /dev/null\n").unwrap();
             fs::set_permissions(&tool, fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        // Folders that a home with these shells has.
+        for home in [".local/share/bash-completion/completions", ".zfunc", ".config/fish/completions"] {
+            fs::create_dir_all(folder.join(home)).unwrap();
         }
         let program = Path::new(env!("CARGO_BIN_EXE_bench")).parent().unwrap();
         let path = std::env::var("PATH").unwrap_or_default();

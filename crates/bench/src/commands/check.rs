@@ -19,7 +19,7 @@ use crate::{arguments::Json, exit::Exit, schema::Kind, words};
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench check my-rig.toml
-  bench check rigs                     every .toml and .mcap below the folder
+  bench check airframes                every .toml and .mcap below the folder
   bench check flight.mcap && bench diff reference.mcap flight.mcap
   bench check --as airframe draft.toml --json
 

@@ -8,7 +8,7 @@ use crate::{Cli, exit::Exit, files};
 /// Write the manual pages, one a command
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench man -o ~/.local/share/man/man1 && man bench-sim
+  bench man -o ~/.local/share/man/man1          # then: man bench-sim
   bench man -o man && man -l man/bench-sim.1
 
 The Debian package brings them along.")]
