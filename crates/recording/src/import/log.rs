@@ -1,6 +1,10 @@
 //! The CSV file: columns found by name, cells given out as checked values.
 
-use std::{fs::File, path::Path};
+use std::{
+    fs::File,
+    io::{self, BufRead as _, BufReader, Read as _},
+    path::Path,
+};
 
 use bench_rig::visit::Range;
 use csv::ByteRecord;
@@ -39,11 +43,20 @@ pub(super) struct Row<'a> {
     width: usize,
 }
 
+fn begins_with_text(path: &Path) -> io::Result<bool> {
+    const LONGEST: u64 = 65_536;
+    let mut line = Vec::new();
+    BufReader::new(File::open(path)?.take(LONGEST)).read_until(b'\n', &mut line)?;
+    Ok(line.ends_with(b"\n") && !line.contains(&0) && str::from_utf8(&line).is_ok())
+}
+
 impl Log {
     pub fn open(map: &ImportMap, path: &Path) -> Result<Self, ImportError> {
         let unread = |source| ImportError::Read { path: path.to_owned(), source };
         match FileKind::of(path).map_err(unread)? {
             FileKind::Empty => return Err(ImportError::NoHeader { path: path.to_owned() }),
+            // Bytes that are no text in a row are that row's fault, where the first line names columns.
+            FileKind::Binary if begins_with_text(path).map_err(unread)? => {}
             kind => {
                 if let Some(advice) = kind.instead_of_log() {
                     return Err(ImportError::NotCsv { path: path.to_owned(), kind, advice });
