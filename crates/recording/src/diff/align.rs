@@ -107,13 +107,13 @@ impl TimeMap {
         Some((if side == 0 { t_ns } else { piece.on_a(t_ns) }, index))
     }
 
-    /// Where the shared part of each piece ends on A's clock because one recording goes on where the other does not, ns; none
-    /// for pieces that end together.
-    pub fn cuts_ns(&self) -> Vec<Option<i64>> {
+    /// Of each piece, where what is shared of it ends and where the next one begins, on A's clock, because one recording goes on
+    /// where the other does not, ns; none for pieces that end together.
+    pub fn cuts_ns(&self) -> Vec<Option<[i64; 2]>> {
         let cut = |(place, piece): (usize, &Piece)| {
             let next = self.pieces.get(place + 1)?;
             let goes_on = (0..2).any(|side| next.from_ns[side] > piece.until_ns[side]);
-            goes_on.then_some(piece.until_ns[0])
+            goes_on.then_some([piece.until_ns[0], next.from_ns[0]])
         };
         self.pieces.iter().enumerate().map(cut).collect()
     }

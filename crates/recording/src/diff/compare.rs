@@ -241,7 +241,7 @@ struct FieldMerge<'a> {
     setup: Setup,
     within_ns: i64,
     /// Where pieces of the alignment are cut short.
-    cuts_ns: &'a [Option<i64>],
+    cuts_ns: &'a [Option<[i64; 2]>],
     tracks: [Track; 2],
     /// Samples since some were last compared.
     unsettled: usize,
@@ -253,7 +253,7 @@ struct FieldMerge<'a> {
 }
 
 impl<'a> FieldMerge<'a> {
-    fn new(setup: Setup, shared_ns: (i64, i64), cuts_ns: &'a [Option<i64>], axis: Option<Axis>) -> Self {
+    fn new(setup: Setup, shared_ns: (i64, i64), cuts_ns: &'a [Option<[i64; 2]>], axis: Option<Axis>) -> Self {
         let gap_ns = setup.gaps_ns[0].max(setup.gaps_ns[1]);
         let draws = !setup.law.names && setup.law.interpolation != Interpolation::None;
         Self {
@@ -307,11 +307,17 @@ impl<'a> FieldMerge<'a> {
         self.tracks.iter_mut().for_each(|track| track.prune(needed_ns));
     }
 
+    /// What answers to a sample may come earlier or later, by the time tolerance, and so lie in what is not compared.
+    fn is_by_a_cut(&self, sample: Sample) -> bool {
+        let cut = |piece: Option<usize>| piece.and_then(|piece| self.cuts_ns.get(piece).copied().flatten());
+        let piece = sample.piece as usize;
+        cut(Some(piece)).is_some_and(|[until_ns, _]| sample.t_ns > until_ns - self.within_ns)
+            || cut(piece.checked_sub(1)).is_some_and(|[_, from_ns]| sample.t_ns < from_ns + self.within_ns)
+    }
+
     fn judge(&mut self, side: usize, sample: Sample) {
         let Setup { law, tolerance, .. } = self.setup;
-        // What answers to a sample may come later, by the time tolerance, and so lie in what is not compared.
-        let cut_ns = self.cuts_ns.get(sample.piece as usize).copied().flatten();
-        if self.within_ns > 0 && cut_ns.is_some_and(|cut_ns| sample.t_ns > cut_ns - self.within_ns) {
+        if self.is_by_a_cut(sample) {
             return;
         }
         let other = &self.tracks[1 - side];

@@ -2,7 +2,7 @@
 
 use bench_rig::Rig;
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::{
     DiffError,
@@ -17,6 +17,8 @@ use crate::{Channel, Field, Record, Session};
 
 /// Chance that two recordings of the rig and mission are called different, all fields together.
 const FAMILY_ERROR: f64 = 0.01;
+/// How sure that is, whichever repeats were flown.
+const CONFIDENCE: f64 = 0.9;
 /// Fewest repeats of which pairs can be held against the others.
 const REPEATS_MIN: usize = 4;
 /// Two numbers of one normal distribution differ by more than so many of its sigmas once in 370 times.
@@ -188,20 +190,17 @@ fn ratio(apart: Apart, others: &Spread, resolved: f64) -> f64 {
 }
 
 /// The bound that one more ratio stays below but for [`FAMILY_ERROR`] of cases. The largest of many ratios follows the law of
-/// extreme values, and so does the logarithm of it: Gumbel's, by its moments. Mean and deviation are those of the pairs of
-/// `count` repeats, of which as many are independent as there are repeats, at best: what that costs is Student's t over the
-/// normal quantile.
+/// extreme values, and so does the logarithm of it: Gumbel's, by its moments. Spreads of `count` repeats may be small by chance;
+/// so the bound is that of a tolerance interval: it holds with [`CONFIDENCE`], by the chi-square law of a variance.
 fn predictive_bound(ratios: &[f64], count: usize) -> f64 {
     const EULER: f64 = 0.577_215_664_901_532_9;
     let logs: Vec<f64> = ratios.iter().map(|ratio| ratio.ln()).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;
     let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>() / (logs.len() - 1) as f64;
-    let n = count as f64;
-    let p = 1.0 - FAMILY_ERROR;
-    let gumbel = 6.0_f64.sqrt() / std::f64::consts::PI * (-(-p.ln()).ln() - EULER);
-    let quantile = |degrees: f64| StudentsT::new(0.0, 1.0, degrees).map_or(3.0, |t| t.inverse_cdf(p));
-    let few = quantile(n - 1.0) / quantile(1e6);
-    (mean + gumbel * few * (variance * (1.0 + 1.0 / n)).sqrt()).exp()
+    let gumbel = 6.0_f64.sqrt() / std::f64::consts::PI * (-(-(1.0 - FAMILY_ERROR).ln()).ln() - EULER);
+    let degrees = count as f64 - 1.0;
+    let small = ChiSquared::new(degrees).map_or(1.0, |law| degrees / law.inverse_cdf(1.0 - CONFIDENCE));
+    (mean + gumbel * variance.sqrt()).exp() * small.sqrt()
 }
 
 /// RMS and mean that go with a difference that the rig does not resolve: that of two roundings to one step, a sigma of it.
