@@ -9,7 +9,12 @@ mod plot;
 pub use figure::{COLOURS, Figure, Mark};
 pub use plot::{Bar, Frame, HEIGHT, Point, Rows, Tick, WIDTH, range, share, ticks, x_axis};
 
-const STYLE: &str = include_str!("page.css");
+/// The style that all pages share.
+pub const STYLE: &str = include_str!("page.css");
+/// uPlot, the plotting library of pages, as a script that defines the global `uPlot`.
+pub const UPLOT_JS: &str = include_str!("../vendor/uplot/uPlot.iife.min.js");
+/// The style that uPlot needs.
+pub const UPLOT_CSS: &str = include_str!("../vendor/uplot/uPlot.min.css");
 
 /// A whole document. `style` adds to the style that all pages share; `body` is HTML.
 pub fn document(title: &str, style: &str, body: &str) -> String {
