@@ -1,5 +1,6 @@
 //! Every example of the help, the documentation and the README, run as it stands in a folder of its own, with its exit code checked.
-//! Examples that take minutes are in the tests named `slow_`, which are marked `ignored`.
+//! Examples that take long are in the test named `slow_`, which is marked `ignored`: tests/run runs it with an optimised program, which
+//! `BENCH_PROGRAM` names.
 
 use std::{
     collections::BTreeSet,
@@ -211,9 +212,10 @@ impl<'a> Shell<'a> {
         for home in [".local/share/bash-completion/completions", ".zfunc", ".config/fish/completions"] {
             fs::create_dir_all(folder.join(home)).unwrap();
         }
-        let program = Path::new(env!("CARGO_BIN_EXE_bench")).parent().unwrap();
+        let program = std::env::var_os("BENCH_PROGRAM").unwrap_or_else(|| env!("CARGO_BIN_EXE_bench").into());
+        std::os::unix::fs::symlink(root().join(program), tools.join("bench")).unwrap();
         let path = std::env::var("PATH").unwrap_or_default();
-        Self { folder, path: format!("{}:{}:{path}", tools.display(), program.display()) }
+        Self { folder, path: format!("{}:{path}", tools.display()) }
     }
 
     /// Exit code and what was said.

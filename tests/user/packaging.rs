@@ -139,7 +139,7 @@ fn deb_installs_into_a_clean_debian_and_flies() {
 
     in_root(&clean, "dpkg --install /bench.deb");
     assert!(in_root(&clean, "bench --version").starts_with("bench "));
-    in_root(&clean, "cd /usr/share/bench && bench sim -o /tmp/first.mcap --export /tmp/first.xlsx");
+    in_root(&clean, "bench sim -o /tmp/first.mcap --export /tmp/first.xlsx");
     assert!(in_root(&clean, "bench info /tmp/first.mcap").contains("climb-040"));
     for file in [
         "usr/lib/udev/rules.d/60-bench.rules",

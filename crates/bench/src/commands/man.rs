@@ -3,7 +3,7 @@ use std::{fs, path::PathBuf};
 use anyhow::Context;
 use clap::{Args, CommandFactory};
 
-use crate::{Cli, exit::Exit, files};
+use crate::{Cli, exit::Exit, files, progress};
 
 /// Write the manual pages, one a command
 #[derive(Args)]
@@ -36,7 +36,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     for (name, page) in &pages {
         files::write(&arguments.output.join(name), page)?;
     }
-    eprintln!("wrote {} pages to {}", pages.len(), arguments.output.display());
+    progress::note(&format!("wrote {} pages to {}", pages.len(), arguments.output.display()));
     Ok(Exit::Done)
 }
 

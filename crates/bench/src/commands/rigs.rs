@@ -13,7 +13,7 @@ use crate::{
     exit::Exit,
     files::{self, Form, Outputs},
     library::{self, Kind},
-    words,
+    progress, words,
 };
 
 /// List the rigs, missions and maps that are built in, or copy one to start from
@@ -143,7 +143,7 @@ fn copy(arguments: &CopyArguments) -> anyhow::Result<Exit> {
     // A file that is there already and says the same is no loss.
     written.retain(|(to, text)| !std::fs::read_to_string(to).is_ok_and(|there| there == *text));
     if written.is_empty() {
-        eprintln!("{} is there already and says the same", output.display());
+        progress::note(&format!("{} is there already and says the same", output.display()));
     }
     let mut outputs = Outputs::new(arguments.force.force);
     for (to, _) in &written {

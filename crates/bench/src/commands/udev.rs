@@ -8,7 +8,7 @@ use std::{
 use anyhow::{Context, bail};
 use clap::Args;
 
-use crate::{exit::Exit, words};
+use crate::{exit::Exit, progress, words};
 
 /// What the Debian package installs as well.
 const RULES: &str = include_str!("../../packaging/60-bench.rules");
@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let path = folder.join(NAME);
     match fs::read(&path) {
         Ok(there) if there == RULES.as_bytes() => {
-            eprintln!("{} is there already", path.display());
+            progress::note(&format!("{} is there already", path.display()));
             return Ok(Exit::Done);
         }
         Ok(_) if !arguments.force => {
@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Ok(_) => format!("cannot write {}; `sudo bench udev --install` may", path.display()),
         Err(_) => format!("cannot write {}: is udev installed here?", path.display()),
     })?;
-    eprintln!("wrote {}", path.display());
+    progress::note(&format!("wrote {}", path.display()));
     if arguments.folder.is_none() {
         reload();
     }
