@@ -21,9 +21,9 @@ use crate::{
 /// Check a diagnosis on flights whose cause is withheld
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench blind seal --cases 60 -o blind/ --key blind-key.json
-  bench blind answer blind/ -o answers.json
-  bench blind open blind/ --key blind-key.json --answers answers.json --html score.html
+  bench blind seal --cases 60 -o sealed/ --key key.json
+  bench blind answer sealed/ -o answers.json
+  bench blind open sealed/ --key key.json --answers answers.json --html score.html
   bench blind power --rig virtual --missions blind
 
 docs/blind.md tells how answers are written, and what the scores mean.")]

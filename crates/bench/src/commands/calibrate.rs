@@ -20,8 +20,8 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench calibrate places.csv -o kinect.toml
-  bench calibrate places.csv --moving flight/ --reference flight/reference.csv -o kinect.toml
-  bench calibrate places.csv --latency-s 0.213 -o kinect.toml --json
+  bench calibrate places.csv --moving flight/ --reference flight/reference.csv -o kinect-moving.toml
+  bench calibrate places.csv --latency-s 0.213 -o kinect-timed.toml --json
 
 The table has a row a place: folder (of recorded frames, beside the table), x_m, y_m, z_m of the
 marker's centre. Name the result in the rig: `calibration = \"kinect.toml\"`. The rig given here

@@ -20,7 +20,7 @@ use crate::{
 #[command(after_help = "Examples:
   bench laws virtual virtual-model
   bench laws virtual virtual-tuned virtual-model -o laws.md
-  bench laws virtual virtual-model --models 20 --json
+  bench laws virtual virtual-model --effects rotor-lag --json
 
 The rigs differ in name and [control] alone. Each case draws airframes from the first rig's
 tolerances, with an effect of the library whose size is drawn from its prior, and flies each of

@@ -23,8 +23,8 @@ use crate::{
 /// Diagnose every sealed case without the key, and write the answers with their hash
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench blind answer blind/ -o answers.json
-  bench blind answer blind/ -o answers.json --json | jq -r .sha256
+  bench blind answer sealed/ -o answers.json
+  bench blind answer sealed/ -o answers.json --force --json | jq -r .sha256
 
 Interrupted, the same command goes on where it stopped: what is done lies beside the answers as
 ANSWERS.unfinished. A case that cannot be diagnosed is answered `failed` with the reason, and
