@@ -25,7 +25,7 @@ options = arguments.parse_args()
 
 
 def fly(path, seed, effects):
-    command = [options.bench, "sim", "--rig", options.rig, "--mission", options.mission, "--seed", str(seed), "-o", path]
+    command = [options.bench, "sim", "--rig", options.rig, "--mission", options.mission, "--seed", str(seed), "-o", path, "--force"]
     for effect in effects:
         command += ["--effect", effect]
     done = subprocess.run(command, capture_output=True, text=True)
