@@ -16,7 +16,7 @@ use crate::{
     calibration::{self, Chosen, Missions, Wanted},
     commands::tracks::Selection,
     diagnosis::{
-        page::{Made, page},
+        page::page,
         report::{Conclusion, Report},
         terminal::in_words,
     },
@@ -173,10 +173,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::print(&in_words(&report, rig.airframe.actuation))?;
     }
     if let Some(file) = &arguments.page.html {
-        let command = std::iter::once("bench".to_owned())
-            .chain(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
-            .collect();
-        files::write_and_say(file, &page(&report, &Made { rig: &rig, command }))?;
+        files::write_and_say(file, &page(&report, &rig))?;
     }
     if let Some(path) = &arguments.write_rig {
         write_rig(path, &rig, &report)?;

@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         report.notes.insert(0, format!("tolerances are the built-in ones, by unit: {why}"));
     }
     if let Some(page) = &arguments.page.html {
-        files::write_and_say(page, &render_html(&report))?;
+        files::write_and_say(page, &render_html(&report, &words::command()))?;
     }
     if arguments.json.json {
         words::print_json(&report)?;
