@@ -17,6 +17,7 @@ mod model_page;
 mod progress;
 mod recorded;
 mod repeats;
+mod report;
 mod schema;
 mod seen;
 mod words;
@@ -58,6 +59,7 @@ enum Command {
     Export(commands::export::Arguments),
     Recover(commands::recover::Arguments),
     Import(commands::import::Arguments),
+    Report(commands::report::Arguments),
     Diff(commands::diff::Arguments),
     Blind(commands::blind::Arguments),
     Diagnose(commands::diagnose::Arguments),
@@ -101,6 +103,7 @@ fn main() -> std::process::ExitCode {
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
+        Command::Report(arguments) => commands::report::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
         Command::Identify(arguments) => commands::identify::run(&arguments),

@@ -240,6 +240,11 @@ impl Panel {
     pub fn is_empty(&self) -> bool {
         self.series.is_empty()
     }
+
+    /// Whether any of its values is a number.
+    pub fn has_values(&self) -> bool {
+        self.series.iter().flat_map(Series::values).any(f64::is_finite)
+    }
 }
 
 /// A stretch of x that is shaded, and its name.

@@ -85,15 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.page.html.as_deref(), Form::Html)
         .from(arguments.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let nominal = arguments.rig.resolve(&arguments.flights)?;
-    let rig = nominal.rig;
-    let recorded = Recorded::read(&arguments.flights, |path, flight| {
-        open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
-    })?;
-    for remark in recorded.remarks.iter().chain(&nominal.remarks) {
-        eprintln!("warning: {remark}");
-    }
-    let found = verify(&recorded.made, &rig, &tolerance).context("nothing verified")?;
+    let (found, rig) = verified(&arguments.flights, &arguments.rig, &tolerance)?;
     if let Some(page) = &arguments.page.html {
         files::write_and_say(page, &model_page::verification(&found, &rig))?;
     }
@@ -103,6 +95,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::print(&in_words(&found))?;
     }
     Ok(if found.passed { Exit::Done } else { Exit::CheckFailed })
+}
+
+/// The model held against recordings, and the rig that it is of. What should be known of them is told.
+pub fn verified(
+    flights: &[PathBuf],
+    rig: &NominalRig,
+    tolerance: &Tolerance,
+) -> anyhow::Result<(Verification, Rig)> {
+    let nominal = rig.resolve(flights)?;
+    let rig = nominal.rig;
+    let recorded = Recorded::read(flights, |path, flight| {
+        open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
+    })?;
+    for remark in recorded.remarks.iter().chain(&nominal.remarks) {
+        eprintln!("warning: {remark}");
+    }
+    let found = verify(&recorded.made, &rig, tolerance).context("nothing verified")?;
+    Ok((found, rig))
 }
 
 /// A flight as far as its throttle was not closed over the altitude.
