@@ -83,7 +83,7 @@ fn command() -> clap::Command {
     fn with_negative_numbers(command: clap::Command) -> clap::Command {
         command.allow_negative_numbers(true).mut_subcommands(with_negative_numbers)
     }
-    with_negative_numbers(Cli::command())
+    with_negative_numbers(Cli::command()).styles(words::help_styles())
 }
 
 fn main() -> std::process::ExitCode {
@@ -125,7 +125,7 @@ fn main() -> std::process::ExitCode {
         Ok(exit) => exit.into(),
         Err(error) if words::is_closed_pipe(&error) => Exit::Done.into(),
         Err(error) => {
-            eprintln!("error: {}", words::causes(&error));
+            words::fail(format_args!("{}", words::causes(&error)));
             Exit::BadInput.into()
         }
     }

@@ -197,8 +197,10 @@
       ctx.font = `${10 * px}px system-ui, sans-serif`;
       ctx.fillStyle = colour("soft");
       ctx.textAlign = "right";
-      ctx.textBaseline = "bottom";
-      ctx.fillText(words, to[0] - 3 * px, from[0] === to[0] ? to[1] : to[1] - 2 * px);
+      // Above a line across where there is room, else below it.
+      const below = from[1] === to[1] && to[1] - plot.bbox.top < 14 * px;
+      ctx.textBaseline = below ? "top" : "bottom";
+      ctx.fillText(words, to[0] - 3 * px, from[0] === to[0] ? to[1] : to[1] + (below ? 3 : -2) * px);
     };
     const marks = (plot) => {
       const { ctx, bbox } = plot;
@@ -256,7 +258,7 @@
     const y = (plot, low, high) => {
       if (panel.y && (panel.fixed || !group.shown)) return panel.y;
       if (low == null) return panel.y || [0, 1];
-      const room = high > low ? 0.06 * (high - low) : 0.1 * Math.abs(high) || 1e-9;
+      const room = high > low ? 0.06 * (high - low) : 0.1 * Math.abs(high) || 1;
       return [low - room, high + room];
     };
     const axis = {
@@ -268,7 +270,8 @@
     };
     const decimals = (values) => {
       const step = values.length > 1 ? Math.abs(values[1] - values[0]) : 1;
-      const places = Math.max(0, Math.min(12, Math.ceil(-Math.log10(step || 1) - 1e-9)));
+      let places = 0;
+      while (places < 12 && Math.abs(step * 10 ** places - Math.round(step * 10 ** places)) > 1e-6 * step * 10 ** places) places++;
       return values.map((value) => (value == null ? null : Math.abs(value) >= 1e6 ? value.toExponential(1) : value.toFixed(places)));
     };
     const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
@@ -295,7 +298,7 @@
         bands,
         padding: [6, 8, last ? 0 : 2, 0],
         legend: { show: false },
-        scales: { x: { time: false, min, max, ...(data.log ? { distr: 3 } : {}) }, y: { range: y } },
+        scales: { x: { time: false, min, max, range: (_, low, high) => [low, high], ...(data.log ? { distr: 3 } : {}) }, y: { range: y } },
         axes: [
           last ? { ...axis, size: 22, label: data.x, labelSize: 16, labelFont: font, labelGap: 2, ...(data.log ? {} : { values: (_, values) => decimals(values) }) } : { ...axis, size: 0, values: () => [], ticks: { show: false } },
           { ...axis, size: narrow() ? 42 : 54, space: panel.low ? 18 : 26, values: (_, values) => decimals(values) },
@@ -420,7 +423,7 @@
     near.observe(figure);
     figure.addEventListener("keydown", keys);
   }
-  figures[0].before(
+  (figures[0].closest(".grid") || figures[0].closest("details") || figures[0]).before(
     element("p", "hint", "Plots: drag to zoom, shift-drag to pan, Ctrl and wheel to zoom, double click to show all; two fingers on a phone. With the keyboard: arrows read off, + and - zoom, Shift and arrows pan, Escape shows all. Long series are drawn by the least and the greatest value of each of 2,000 stretches of time."),
   );
 
@@ -440,6 +443,8 @@
   });
 
   // The table of contents says where one is.
+  const contents = document.querySelector(".toc details");
+  if (contents && contents.querySelectorAll("a").length > 8 && matchMedia("(max-width: 62rem)").matches) contents.open = false;
   const links = new Map([...document.querySelectorAll(".toc a")].map((link) => [link.hash.slice(1), link]));
   const seen = new Set();
   const mark = new IntersectionObserver(

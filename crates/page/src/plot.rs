@@ -28,7 +28,11 @@ pub fn range(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
     if low > high {
         return [0.0, 1.0];
     }
-    let room = if high > low { 0.06 * (high - low) } else { (0.1 * high.abs()).max(1e-9) };
+    let room = match high - low {
+        0.0 if high == 0.0 => 1.0,
+        0.0 => 0.1 * high.abs(),
+        length => 0.06 * length,
+    };
     [low - room, high + room]
 }
 

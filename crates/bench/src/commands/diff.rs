@@ -1,7 +1,8 @@
 use std::path::{Path, PathBuf};
 
 use bench_recording::diff::{
-    Align, DiffOptions, DiffReport, ToleranceKey, Tolerances, Verdict, diff, render_html, render_text,
+    Align, DiffOptions, DiffReport, ToleranceKey, Tolerances, Verdict, diff, html_verdict, render_html,
+    render_text,
 };
 use clap::{Args, ValueEnum};
 
@@ -102,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if arguments.json.json {
         words::print_json(&report)?;
     } else {
-        words::print(&render_text(&report, arguments.all))?;
+        words::print(&words::headed(html_verdict(&report).tone, &render_text(&report, arguments.all)))?;
     }
     Ok(match report.verdict() {
         Verdict::Same | Verdict::WithinTolerance => Exit::Done,

@@ -113,10 +113,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     } else {
         let mut out = String::new();
         for one in &statements {
-            let verdict = if one.passed { "pass" } else { "FAIL" };
+            let verdict = words::passed(one.passed);
             // Writing to a String cannot fail.
-            let _ =
-                writeln!(out, "{verdict}  figure {:<3} {}\n      made: {}", one.figure, one.stated, one.made);
+            let _ = writeln!(
+                out,
+                "{verdict}  figure {:<3} {}\n        made: {}",
+                one.figure, one.stated, one.made
+            );
         }
         let _ = write!(
             out,

@@ -16,6 +16,7 @@ use crate::{
     model_page,
     recorded::NominalRig,
     report::{Flown, Loaded, page},
+    words,
 };
 
 /// Write flights as one self-contained page: what they reached, traces, timing, events, rig and mission
@@ -75,7 +76,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     for path in recordings {
         let loaded = Loaded::read(path)?;
         for warning in &loaded.warnings {
-            eprintln!("warning: {warning}");
+            words::warn(format_args!("{warning}"));
         }
         is_lossy |= loaded.is_lossy;
         flights.push(Flown::new(loaded));

@@ -3,6 +3,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use anyhow::{Context, bail};
 use bench_diagnosis::Track;
 use bench_identification::{OpenLoop, Tolerance, Verification, VerifyVerdict, verify};
+use bench_page::Tone;
 use bench_recording::Flight;
 use bench_rig::{Phase, Rig};
 use clap::Args;
@@ -109,7 +110,7 @@ pub fn verified(
         open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
     })?;
     for remark in recorded.remarks.iter().chain(&nominal.remarks) {
-        eprintln!("warning: {remark}");
+        words::warn(format_args!("{remark}"));
     }
     let found = verify(&recorded.made, &rig, tolerance).context("nothing verified")?;
     Ok((found, rig))
@@ -153,10 +154,12 @@ fn in_words(found: &Verification) -> String {
         out,
         "\n{}",
         match found.verdict {
-            VerifyVerdict::Passed => "The model predicts these flights",
-            VerifyVerdict::Failed => "The model misses these flights",
-            VerifyVerdict::NotInformative =>
-                "Not informative: within the rig's tolerances nearly any flight would have passed",
+            VerifyVerdict::Passed => words::toned(Tone::Good, "The model predicts these flights"),
+            VerifyVerdict::Failed => words::toned(Tone::Bad, "The model misses these flights"),
+            VerifyVerdict::NotInformative => words::toned(
+                Tone::Odd,
+                "Not informative: within the rig's tolerances nearly any flight would have passed"
+            ),
         }
     );
     for check in &found.checks {
@@ -164,9 +167,8 @@ fn in_words(found: &Verification) -> String {
             out,
             "{} {}: {} ({} {}){}",
             match (check.passed, found.verdict) {
-                (true, _) => "passed",
-                (false, VerifyVerdict::NotInformative) => "TOO WIDE",
-                (false, _) => "FAILED",
+                (false, VerifyVerdict::NotInformative) => words::toned(Tone::Odd, "TOO WIDE"),
+                (passed, _) => words::passed(passed),
             },
             check.name,
             short(check.value),
@@ -186,7 +188,7 @@ fn in_words(found: &Verification) -> String {
         let _ = writeln!(out, "what would narrow it: {how}");
     }
     for warning in &found.warnings {
-        let _ = writeln!(out, "warning: {warning}");
+        let _ = writeln!(out, "{}: {warning}", words::toned(Tone::Odd, "warning"));
     }
     out
 }

@@ -7,7 +7,7 @@ mod which;
 
 use bench_diagnosis::Verdict;
 use bench_page::{
-    Page, Section, Tone, Verdict as PageVerdict,
+    Page, Section, Verdict as PageVerdict,
     parts::{self, Tile},
 };
 use bench_rig::Rig;
@@ -39,11 +39,6 @@ pub fn page(report: &Report, rig: &Rig) -> String {
 /// What the diagnosis comes to: the sentence, the figures, what to do next.
 pub fn verdict(report: &Report, rig: &Rig) -> PageVerdict {
     let diagnosis = &report.diagnosis;
-    let tone = match report.verdict {
-        Conclusion::Effect => Tone::Plain,
-        Conclusion::None => Tone::Good,
-        Conclusion::Unknown | Conclusion::Inconclusive => Tone::Odd,
-    };
     let alike = told::alike(diagnosis);
     let below = html! {
         @for effect in report.effects.iter().filter_map(|name| told::spec(name)) {
@@ -58,7 +53,7 @@ pub fn verdict(report: &Report, rig: &Rig) -> PageVerdict {
         @if !diagnosis.next.is_empty() { (parts::block("What to do next", "", parts::list(&diagnosis.next))) }
         (made_of(report, rig))
     };
-    PageVerdict::new(tone, report.headline().replace(" %", "\u{a0}%")).with(below)
+    PageVerdict::new(report.tone(), report.headline().replace(" %", "\u{a0}%")).with(below)
 }
 
 fn made_of(report: &Report, rig: &Rig) -> Markup {

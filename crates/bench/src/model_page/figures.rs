@@ -51,7 +51,15 @@ pub fn thrust_figure(found: &ThrustIdentification, rig: &Rig, title: &str) -> Pl
             of(true),
         ));
     }
-    Plot::new(title, format!("throttle, {}", found.throttle_unit)).panel(panel)
+    let mut off = Panel::new("reading \u{2212} line, g").level(0.0, "").low();
+    for (colour, level) in order.iter().enumerate() {
+        let Some(line) = found.levels.get(colour) else { continue };
+        let (gain, offset) = (line.gain_n_per_unit.0, line.offset.0);
+        let readings = found.points.iter().filter(|p| p.level == *level && p.used == Use::Line);
+        let of = readings.map(|p| (p.throttle, grams(p.thrust_n - gain * (p.throttle - offset))));
+        off = off.with(Series::new("", Mark::Dots, colour, by_x(of)));
+    }
+    Plot::new(title, format!("throttle, {}", found.throttle_unit)).panel(panel).panel(off)
 }
 
 /// Points in the order of x.

@@ -247,5 +247,5 @@ fn events(flight: &Flight) -> Section {
             (bench_page::parts::folded(words::count(all.len() as u64, "event"), "all of them", false, table(&columns, all.iter().map(row))))
         }
     };
-    Section::new("Events", body)
+    Section::new("Events", html! { div.tight { (body) } })
 }

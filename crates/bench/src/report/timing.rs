@@ -38,7 +38,8 @@ pub fn section(flight: &Flight, rig: Option<&Rig>, summary: &Summary, group: &st
     let rows: Vec<_> = rows
         .into_iter()
         .filter_map(|(what, times)| {
-            let times = times?;
+            // In lockstep, what is done takes no time.
+            let times = times.filter(|times| times.max > 0.0)?;
             let ms = |s: f64| cell(bench_page::digits(1e3 * s));
             Some(vec![cell(what), ms(times.p50), ms(times.p99), ms(times.max)])
         })
@@ -90,6 +91,7 @@ fn plot(flight: &Flight, rig: Option<&Rig>, group: &str) -> Plot {
     let overran = overran.map(|t| (t.started.seconds(), 1e3 * (t.sense_s + t.control_s + t.actuate_s)));
     let latency = flight.positions.iter();
     let latency = latency.map(|p| (p.arrived_at.seconds(), 1e3 * p.arrived_at.since_s(p.exposed_at)));
+    let is_timed = ticks().any(|tick| tick.started > tick.scheduled || tick.actuate_s > 0.0);
     let mut iterations = Panel::new("iteration, ms")
         .with(Series::new("start after schedule", Mark::Line, TRACKER, late))
         .with(Series::new("takes", Mark::Line, LOOP, took))
@@ -98,6 +100,6 @@ fn plot(flight: &Flight, rig: Option<&Rig>, group: &str) -> Plot {
         iterations = iterations.level(1e3 * rig.control_loop.period_s, "period");
     }
     traces::over_time("Timing", flight, group)
-        .panel(iterations.low())
+        .panel(if is_timed { iterations.low() } else { Panel::new("") })
         .panel(Panel::new("position's delay, ms").with(Series::new("", Mark::Line, TRACKER, latency)).low())
 }
