@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::support::{Scratch, bench, json, refused, stdout};
+use crate::support::{Page, Scratch, bench, json, refused, stdout};
 
 const THRUST: &str = "rigs/balance/hubsan-q4-thrust.csv";
 const GROUND: &str = "rigs/balance/hubsan-q4-ground.csv";
@@ -23,8 +23,8 @@ fn the_way_from_readings_to_a_verified_model() {
             .unwrap()
             .starts_with("# thrust: gain and offset by `bench identify thrust`")
     );
-    let html = fs::read_to_string(&page).unwrap();
-    assert!(html.contains("<svg") && !html.contains("NaN") && !html.contains("http-equiv"), "{html}");
+    let html = Page::read(&page);
+    assert_eq!(html.panels(), ["thrust, g", "reading \u{2212} line, g"]);
 
     // It is not replaced unasked.
     assert!(refused(bench(identify), 2).contains("--force"));
@@ -157,10 +157,9 @@ fn the_papers_figures_are_made_and_its_statements_met() {
         assert!(drawn.starts_with("<svg xmlns=") && drawn.matches("<path").count() > 10, "{number}");
         assert!(!drawn.contains("NaN") && !drawn.contains("inf"), "{number}");
     }
-    let page = svg("index.html");
-    assert!(
-        page.contains("statements of the paper are met") && page.matches("class=\"figure\"").count() == 6
-    );
+    let page = Page::read(&scratch.path("paper").join("index.html").to_string_lossy());
+    assert!(page.headline().ends_with("statements of the paper are met"), "{}", page.headline());
+    assert_eq!(page.plots().len(), 6);
     // The rig that it wrote is one.
     let rig = scratch.path("paper").join("rig.toml");
     scratch.fly("again.mcap", &["--rig", rig.to_str().unwrap(), "--mission", "rigs/missions/climb-040.toml"]);

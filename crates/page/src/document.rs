@@ -166,6 +166,7 @@ impl Page {
 fn verdict(verdict: &Verdict, level: u8) -> Markup {
     let words = html! {
         span.sign aria-hidden="true" { (verdict.tone.sign()) }
+        " "
         span { (verdict.words) }
     };
     html! {
