@@ -151,7 +151,7 @@ pub fn ground(found: &GroundIdentification, rig: &Rig) -> String {
     let used = found.points.iter().filter(|point| point.used).count();
     let best = found.laws.first();
     let headline = match best {
-        Some(best) => format!("{} explains the ground effect best", bench_page::capitalised(best.law.name())),
+        Some(best) => format!("The {} law explains the ground effect best", best.law.name()),
         None => "Thrust over altitude".to_owned(),
     };
     let below = html! {

@@ -87,7 +87,7 @@
       const first = series.length;
       const area = given.mark === "band" || given.mark === "zone";
       const dots = given.mark === "dots" || given.mark === "crosses";
-      const one = { label: given.name, points: { show: false }, width: 1.5, stroke: () => colour(ink) };
+      const one = { label: given.name, points: { show: false }, width: 1.5, pxAlign: 0, stroke: () => colour(ink) };
       if (area) {
         series.push({ ...one, width: 0, stroke: undefined }, { ...one, width: 0, stroke: undefined });
         const share = given.mark === "band" ? 0.22 : 0.12;
@@ -103,7 +103,9 @@
         if (given.mark === "steps") one.paths = uPlot.paths.stepped({ align: 1 });
         series.push(one);
       }
-      if (given.name) entries.push({ given, first, last: series.length - 1 });
+      // A lone series needs no name: what the axis shows is what it is.
+      const lone = !given.name && !area && !panel.series.some((other) => other.name && !["band", "zone"].includes(other.mark));
+      if (given.name || (lone && !entries.some((entry) => !entry.given.name))) entries.push({ given, first, last: series.length - 1 });
     }
     const tables = panel.series.map((given) => given.columns);
     const same = tables.every((table) => table[0] === tables[0][0]);
@@ -134,11 +136,15 @@
     const legend = element("div", "legend");
     legend.append(element("span", "what", panel.title));
     for (const entry of entries) {
+      entry.read = element("span", "read");
+      if (!entry.given.name) {
+        legend.firstChild.after(entry.read);
+        continue;
+      }
       const button = element("button");
       button.type = "button";
       button.title = "Show or hide";
       button.setAttribute("aria-pressed", "true");
-      entry.read = element("span", "read");
       button.append(element("span", `swatch ${entry.given.mark} c${entry.given.colour}`), entry.given.name, entry.read);
       button.onclick = () => {
         const shown = button.getAttribute("aria-pressed") !== "true";
@@ -166,15 +172,6 @@
         if (place % 2) {
           ctx.fillStyle = colour("shade");
           ctx.fillRect(from, bbox.top, to - from, bbox.height);
-        }
-        ctx.font = `${10 * px}px system-ui, sans-serif`;
-        const begin = Math.max(from, bbox.left);
-        const room = Math.min(to, bbox.left + bbox.width) - begin;
-        if (index === 0 && ctx.measureText(span.name).width + 8 * px < room) {
-          ctx.fillStyle = colour("soft");
-          ctx.textAlign = "left";
-          ctx.textBaseline = "top";
-          ctx.fillText(span.name, begin + 4 * px, bbox.top + 3 * px);
         }
       });
       for (const [low, high] of panel.bands) {
@@ -208,6 +205,17 @@
       ctx.beginPath();
       ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
       ctx.clip();
+      for (const span of index === 0 ? data.spans : []) {
+        const [from, to] = [span.from, span.to].map((x) => plot.valToPos(x, "x", true));
+        const begin = Math.max(from, bbox.left);
+        const room = Math.min(to, bbox.left + bbox.width) - begin;
+        ctx.font = `${10 * px}px system-ui, sans-serif`;
+        if (ctx.measureText(span.name).width + 8 * px >= room) continue;
+        ctx.fillStyle = colour("soft");
+        ctx.textAlign = "left";
+        ctx.textBaseline = "top";
+        ctx.fillText(span.name, begin + 4 * px, bbox.top + 3 * px);
+      }
       for (const [y, words] of panel.levels) {
         const at = plot.valToPos(y, "y", true);
         line(plot, [bbox.left, at], [bbox.left + bbox.width, at], words, words ? [4, 3] : []);
@@ -247,7 +255,7 @@
     };
     const read = (plot) => {
       const { idx, idxs } = plot.cursor;
-      time.textContent = idx == null || !last ? "" : `${data.x.split(",")[0]} ${number(plot.data[0][idx], data.places)}`;
+      time.textContent = idx == null || index > 0 ? "" : `${data.x.split(",")[0]} ${number(plot.data[0][idx], data.places)}`;
       for (const entry of entries) {
         const at = (of) => (idxs && idxs[of] != null ? plot.data[of][idxs[of]] : null);
         const [high, low] = [at(entry.first), at(entry.last)];
@@ -424,7 +432,7 @@
     figure.addEventListener("keydown", keys);
   }
   (figures[0].closest(".grid") || figures[0].closest("details") || figures[0]).before(
-    element("p", "hint", "Plots: drag to zoom, shift-drag to pan, Ctrl and wheel to zoom, double click to show all; two fingers on a phone. With the keyboard: arrows read off, + and - zoom, Shift and arrows pan, Escape shows all. Long series are drawn by the least and the greatest value of each of 2,000 stretches of time."),
+    element("p", "hint", "Plots: drag to zoom, shift-drag to pan, Ctrl and wheel to zoom, double click to show all; two fingers on a phone. With the keyboard: arrows read off, + and - zoom, Shift and arrows pan, Escape shows all. Long series are drawn by the least and the greatest value of each of 5,000 stretches of time."),
   );
 
   const repaint = () => {

@@ -12,7 +12,7 @@ use crate::digits;
 pub type Tick = (f64, String);
 
 /// A long series is drawn by so many stretches of equal length, the least and the greatest value of each.
-pub const STRETCHES: usize = 2000;
+pub const STRETCHES: usize = 5000;
 
 /// How far along a range, 0 to 1 within it.
 pub fn share(x: f64, [from, to]: [f64; 2]) -> f64 {

@@ -106,7 +106,17 @@ pub fn ground_figure(found: &GroundIdentification, title: &str) -> Plot {
             of(false),
         ));
     }
-    Plot::new(title, "altitude, cm").panel(panel)
+    let mut off = Panel::new("reading \u{2212} linear law, g").level(0.0, "").low();
+    for (colour, told) in found.throttles.iter().enumerate() {
+        let Some(law) = linear else { continue };
+        let readings = found.points.iter().filter(|point| point.throttle == colour && point.used);
+        let of = readings.map(|point| {
+            let ratio = law.law.ratio(point.altitude_m, law.multiplier.0, law.length_m.0);
+            (100.0 * point.altitude_m, grams(point.thrust_n - told.free_thrust_n.0 * ratio))
+        });
+        off = off.with(Series::new("", Mark::Dots, colour, by_x(of)));
+    }
+    Plot::new(title, "altitude, cm").panel(panel).panel(off)
 }
 
 /// A flight over its prediction from the throttle alone (the paper's figure 11), and how far it is off. `before` is what another
