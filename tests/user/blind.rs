@@ -2,7 +2,7 @@ use std::fs;
 
 use bench_blind::{Answer, Answers, Seal, Unfinished, Verdict};
 
-use crate::support::{Scratch, bench, json, refused, stdout};
+use crate::support::{Page, Scratch, bench, json, refused, stdout};
 
 /// A seal of four short cases.
 fn sealed(scratch: &Scratch) {
@@ -56,7 +56,9 @@ fn cases_are_sealed_answered_by_any_tool_and_opened() {
     assert_eq!(score["missing"], serde_json::json!(["case-004"]));
     // A family of each kind but pairs; only `none` is right.
     assert_eq!(score["top_1"]["all"]["count"], 1);
-    assert!(fs::read_to_string(&page).unwrap().contains("<svg"));
+    let page = Page::read(&page);
+    assert!(page.headline().contains("sealed cases named rightly"), "{}", page.headline());
+    assert_eq!(page.plots().len(), 2);
     let words = stdout(&bench(open).assert().success());
     assert!(words.contains("case-004") && words.contains("without an answer"), "{words}");
 

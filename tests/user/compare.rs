@@ -1,6 +1,6 @@
 use std::fs;
 
-use crate::support::{Scratch, bench, json, refused, stdout};
+use crate::support::{Page, Scratch, bench, json, refused, stdout};
 
 #[test]
 fn the_same_flight_is_the_same() {
@@ -94,8 +94,12 @@ fn an_effect_makes_a_difference_and_a_floor_of_repeats_explains_noise() {
 
     let page = scratch.name("diff.html");
     bench(["diff", &nominal[0], &lag, "--html", &page]).assert().code(1);
-    let html = fs::read_to_string(&page).unwrap();
-    assert!(html.contains("<svg") && !html.contains("http://") && !html.contains("https://"));
+    let page = Page::read(&page);
+    assert_eq!(page.headline(), "\u{2717} Different");
+    // What differs is told first, by its difference.
+    assert_eq!(page.texts("main h2")[0], "Different");
+    assert!(page.panels()[0].starts_with("B \u{2212} A"), "{:?}", page.panels());
+    assert!(page.bytes < 500_000, "{} bytes", page.bytes);
 
     let mut floor = vec!["diff", &nominal[2], &nominal[3], "--json", "--floor", &nominal[0], &nominal[1]];
     bench(&floor).assert().code(vec![0, 1]);

@@ -25,6 +25,7 @@ const NOT_RUN: &[(&str, &str)] = &[
 /// Examples that take long, by a part of them.
 const SLOW: &[&str] = &[
     "bench diagnose",
+    "--diagnose",
     "bench blind",
     "bench tune",
     "bench laws",

@@ -16,6 +16,7 @@ mod packaging;
 mod progress;
 mod record;
 mod recorded;
+mod report;
 mod rigs;
 mod schema;
 mod sim;

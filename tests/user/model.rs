@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::support::{Scratch, bench, json, refused, stdout};
+use crate::support::{Page, Scratch, bench, json, refused, stdout};
 
 const THRUST: &str = "rigs/balance/hubsan-q4-thrust.csv";
 const GROUND: &str = "rigs/balance/hubsan-q4-ground.csv";
@@ -23,8 +23,8 @@ fn the_way_from_readings_to_a_verified_model() {
             .unwrap()
             .starts_with("# thrust: gain and offset by `bench identify thrust`")
     );
-    let html = fs::read_to_string(&page).unwrap();
-    assert!(html.contains("<svg") && !html.contains("NaN") && !html.contains("http-equiv"), "{html}");
+    let html = Page::read(&page);
+    assert_eq!(html.panels(), ["thrust, g", "reading \u{2212} line, g"]);
 
     // It is not replaced unasked.
     assert!(refused(bench(identify), 2).contains("--force"));
@@ -44,7 +44,7 @@ fn the_way_from_readings_to_a_verified_model() {
     let shares: f64 =
         report["widened_by"].as_array().unwrap().iter().map(|s| s["share"].as_f64().unwrap()).sum();
     assert!((shares - 1.0).abs() < 1e-9, "{shares}");
-    assert!(fs::read_to_string(&page).unwrap().contains("<h1>Not informative"));
+    assert!(Page::read(&page).headline().starts_with("? Not informative"));
     let words = stdout(&bench(verify).assert().code(1));
     assert!(
         words.contains("TOO WIDE") && words.contains("what would narrow it: `bench identify flight`"),
@@ -59,7 +59,7 @@ fn the_way_from_readings_to_a_verified_model() {
     let verify = ["verify", "--rig", &flown, &hop];
     let report = json(&bench(verify).args(["--json", "--html", &page, "--force"]).assert().success());
     assert_eq!((&report["verdict"], &report["passed"]), (&"passed".into(), &true.into()));
-    assert!(fs::read_to_string(&page).unwrap().contains("The model predicts these flights"));
+    assert!(Page::read(&page).headline().contains("The model predicts these flights"));
 
     // A tolerance that nothing meets fails the check.
     let words = stdout(&bench(verify).args(["--trajectory", "0.0001"]).assert().code(1));
@@ -157,10 +157,9 @@ fn the_papers_figures_are_made_and_its_statements_met() {
         assert!(drawn.starts_with("<svg xmlns=") && drawn.matches("<path").count() > 10, "{number}");
         assert!(!drawn.contains("NaN") && !drawn.contains("inf"), "{number}");
     }
-    let page = svg("index.html");
-    assert!(
-        page.contains("statements of the paper are met") && page.matches("class=\"figure\"").count() == 6
-    );
+    let page = Page::read(&scratch.path("paper").join("index.html").to_string_lossy());
+    assert!(page.headline().ends_with("statements of the paper are met"), "{}", page.headline());
+    assert_eq!(page.plots().len(), 6);
     // The rig that it wrote is one.
     let rig = scratch.path("paper").join("rig.toml");
     scratch.fly("again.mcap", &["--rig", rig.to_str().unwrap(), "--mission", "rigs/missions/climb-040.toml"]);

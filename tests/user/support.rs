@@ -1,6 +1,10 @@
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use assert_cmd::{Command, assert::Assert};
+use scraper::{ElementRef, Html, Selector};
 
 /// The project's folder, where the README's commands are run.
 pub fn root() -> &'static Path {
@@ -90,4 +94,75 @@ pub fn unclosed(recording: &str) {
     let assert = bench(["info", recording]).assert().code(3);
     let words = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
     assert!(words.contains("was not closed") && words.contains("bench recover"), "{words}");
+}
+
+/// A page as a browser sees it. It must be sound HTML that loads nothing.
+pub struct Page {
+    html: Html,
+    /// Its size.
+    pub bytes: usize,
+}
+
+fn all<'a>(html: &'a Html, selector: &str) -> Vec<ElementRef<'a>> {
+    html.select(&Selector::parse(selector).unwrap()).collect()
+}
+
+fn text(element: ElementRef<'_>) -> String {
+    element.text().collect::<String>().split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+impl Page {
+    pub fn read(file: &str) -> Self {
+        let bytes = fs::read_to_string(file).unwrap();
+        let html = Html::parse_document(&bytes);
+        assert_eq!(
+            html.errors.iter().filter(|error| !error.contains("doctype")).collect::<Vec<_>>(),
+            [""; 0]
+        );
+        let policy = all(&html, "meta[http-equiv='Content-Security-Policy']");
+        assert!(policy[0].attr("content").unwrap().starts_with("default-src 'none'"));
+        for loads in ["[src]", "link:not([href='data:,'])", "iframe", "object"] {
+            assert!(all(&html, loads).is_empty(), "{loads}");
+        }
+        let page = Self { html, bytes: bytes.len() };
+        let is_no_number = |word: &str| ["nan", "inf", "infinity"].contains(&word.to_lowercase().as_str());
+        let words = page.texts("main").concat();
+        assert!(!words.split(|c: char| !c.is_alphanumeric()).any(is_no_number), "{words}");
+        page
+    }
+
+    pub fn texts(&self, selector: &str) -> Vec<String> {
+        all(&self.html, selector).into_iter().map(text).collect()
+    }
+
+    /// The verdict on top.
+    pub fn headline(&self) -> String {
+        let [headline] = self.texts("h1").try_into().expect("one headline");
+        headline
+    }
+
+    /// An attribute of every element.
+    pub fn attributes(&self, selector: &str, name: &str) -> Vec<String> {
+        all(&self.html, selector).iter().filter_map(|found| found.attr(name)).map(str::to_owned).collect()
+    }
+
+    /// The text of the sections below a title.
+    pub fn section(&self, title: &str) -> String {
+        let titles = all(&self.html, "section > h2, section > h3");
+        let found = titles.into_iter().find(|found| text(*found) == title);
+        let found = found.unwrap_or_else(|| panic!("no section {title}: {:?}", self.texts("h2, h3")));
+        text(ElementRef::wrap(found.parent().unwrap()).unwrap())
+    }
+
+    /// The data of every plot: numbers that JSON can hold.
+    pub fn plots(&self) -> Vec<serde_json::Value> {
+        let data = all(&self.html, "figure[data-plot] > script[type='application/json']");
+        data.into_iter().map(|data| serde_json::from_str(&data.inner_html()).unwrap()).collect()
+    }
+
+    /// What the y axes of all plots show.
+    pub fn panels(&self) -> Vec<String> {
+        let of = |plot: &serde_json::Value| plot["panels"].as_array().unwrap().clone();
+        self.plots().iter().flat_map(of).map(|panel| panel["title"].as_str().unwrap().to_owned()).collect()
+    }
 }

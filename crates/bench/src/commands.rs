@@ -19,6 +19,7 @@ pub mod man;
 pub mod paper;
 pub mod record_frames;
 pub mod recover;
+pub mod report;
 pub mod rigs;
 pub mod schema;
 pub mod sim;

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use bench_page::Tone;
 use bench_recording::{Finished, RecordingError};
 use bench_rig::{Mission, Rig};
 use bench_run::{Check, Ending, Flown};
@@ -72,8 +73,10 @@ impl Flight<'_> {
         }
         match &self.flown.ending {
             Ending::Complete => {}
-            Ending::Stopped(reason) => _ = writeln!(out, "  stopped: {reason}"),
-            Ending::Fault(error) => _ = writeln!(out, "  fault: {error}"),
+            Ending::Stopped(reason) => {
+                _ = writeln!(out, "  {}: {reason}", words::toned(Tone::Bad, "stopped"))
+            }
+            Ending::Fault(error) => _ = writeln!(out, "  {}: {error}", words::toned(Tone::Bad, "fault")),
             Ending::Panicked(words) => {
                 _ = writeln!(out, "  the program failed ({words}); please report it with the recording");
             }
@@ -81,7 +84,7 @@ impl Flight<'_> {
         for check in self.checks {
             let value = check.value.map_or("not reached".to_owned(), |value| format!("{value:.3}"));
             let relation = if check.at_least { "at least" } else { "at most" };
-            let verdict = if check.passed { "passed" } else { "FAILED" };
+            let verdict = words::passed(check.passed);
             let _ = writeln!(out, "  {verdict}  {}: {value}, {relation} {}", check.key, check.limit);
         }
         if let Ok(finished) = finished {

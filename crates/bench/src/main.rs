@@ -17,6 +17,7 @@ mod model_page;
 mod progress;
 mod recorded;
 mod repeats;
+mod report;
 mod schema;
 mod seen;
 mod words;
@@ -58,6 +59,7 @@ enum Command {
     Export(commands::export::Arguments),
     Recover(commands::recover::Arguments),
     Import(commands::import::Arguments),
+    Report(commands::report::Arguments),
     Diff(commands::diff::Arguments),
     Blind(commands::blind::Arguments),
     Diagnose(commands::diagnose::Arguments),
@@ -81,7 +83,7 @@ fn command() -> clap::Command {
     fn with_negative_numbers(command: clap::Command) -> clap::Command {
         command.allow_negative_numbers(true).mut_subcommands(with_negative_numbers)
     }
-    with_negative_numbers(Cli::command())
+    with_negative_numbers(Cli::command()).styles(words::help_styles())
 }
 
 fn main() -> std::process::ExitCode {
@@ -101,6 +103,7 @@ fn main() -> std::process::ExitCode {
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
+        Command::Report(arguments) => commands::report::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
         Command::Identify(arguments) => commands::identify::run(&arguments),
@@ -122,7 +125,7 @@ fn main() -> std::process::ExitCode {
         Ok(exit) => exit.into(),
         Err(error) if words::is_closed_pipe(&error) => Exit::Done.into(),
         Err(error) => {
-            eprintln!("error: {}", words::causes(&error));
+            words::fail(format_args!("{}", words::causes(&error)));
             Exit::BadInput.into()
         }
     }

@@ -1,6 +1,12 @@
 //! How values are said on the screen.
 
-use std::io::{self, Write};
+use std::{
+    fmt,
+    io::{self, Write},
+};
+
+use bench_page::{HEADING, Tone};
+use clap::builder::Styles;
 
 /// `1234567` as `1,234,567`.
 pub fn grouped(count: u64) -> String {
@@ -83,9 +89,50 @@ pub fn probability(p: f64) -> String {
     if p < 1e-3 { format!("{p:.0e}") } else { format!("{p:.2}") }
 }
 
-/// Writes text or JSON to standard output.
+/// Words in the colour of what they mean. Where no colour is wanted (no terminal, `NO_COLOR`), printing takes it off again.
+pub fn toned(tone: Tone, words: &str) -> String {
+    let style = tone.style();
+    format!("{style}{words}{style:#}")
+}
+
+/// Text whose first line is the verdict.
+pub fn headed(tone: Tone, text: &str) -> String {
+    let (verdict, rest) = text.split_once('\n').unwrap_or((text, ""));
+    format!("{}\n{rest}", toned(tone, verdict))
+}
+
+/// Whether a check was passed, in a word.
+pub fn passed(passed: bool) -> String {
+    toned(Tone::of(passed), if passed { "passed" } else { "FAILED" })
+}
+
+/// The colours of help and of wrong usage.
+pub const fn help_styles() -> Styles {
+    Styles::styled()
+        .header(HEADING)
+        .usage(HEADING)
+        .literal(Tone::Plain.style())
+        .error(Tone::Bad.style())
+        .valid(Tone::Good.style())
+        .invalid(Tone::Odd.style())
+}
+
+/// Says what a person should know, also with `--quiet`.
+pub fn warn(words: impl fmt::Display) {
+    anstream::eprintln!("{}: {words}", toned(Tone::Odd, "warning"));
+}
+
+/// Says what went wrong, also with `--quiet`.
+pub fn fail(words: impl fmt::Display) {
+    anstream::eprintln!("{}: {words}", toned(Tone::Bad, "error"));
+}
+
+/// Writes text to standard output, in colour where that is wanted.
 pub fn print(text: &str) -> anyhow::Result<()> {
-    let mut out = io::stdout().lock();
+    write(anstream::stdout().lock(), text)
+}
+
+fn write(mut out: impl Write, text: &str) -> anyhow::Result<()> {
     out.write_all(text.as_bytes())?;
     if !text.ends_with('\n') {
         out.write_all(b"\n")?;
@@ -95,7 +142,7 @@ pub fn print(text: &str) -> anyhow::Result<()> {
 
 /// Prints a serialisable value as JSON.
 pub fn print_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
-    print(&serde_json::to_string_pretty(value)?)
+    write(io::stdout().lock(), &serde_json::to_string_pretty(value)?)
 }
 
 /// An error with its causes, those left out that the words before tell already.

@@ -1,44 +1,19 @@
-//! Results as pages that need nothing else: one HTML file with its style and its plots inside, light or dark as the
+//! Results as pages that need nothing else: one HTML file with its style, its plots and their data inside, light or dark as the
 //! reader's system is, wide or narrow as the window is.
 //!
-//! What a page says belongs to the crate whose result it shows; here is only what such pages share.
+//! What a page says belongs to the crate whose result it shows; here is only what such pages share: the [`Page`] with its
+//! verdict and [`Section`]s, the [`parts`] that sections are put together from, [`Plot`]s, and the colours of pages and
+//! terminals alike. All text becomes HTML by the templates of `maud`, which escape it.
 
-mod figure;
+mod document;
+mod palette;
+pub mod parts;
 mod plot;
+mod svg;
 
-pub use figure::{COLOURS, Figure, Mark};
-pub use plot::{Bar, Frame, HEIGHT, Point, Rows, Tick, WIDTH, range, share, ticks, x_axis};
-
-/// The style that all pages share.
-pub const STYLE: &str = include_str!("page.css");
-/// uPlot, the plotting library of pages, as a script that defines the global `uPlot`.
-pub const UPLOT_JS: &str = include_str!("../vendor/uplot/uPlot.iife.min.js");
-/// The style that uPlot needs.
-pub const UPLOT_CSS: &str = include_str!("../vendor/uplot/uPlot.min.css");
-
-/// A whole document. `style` adds to the style that all pages share; `body` is HTML.
-pub fn document(title: &str, style: &str, body: &str) -> String {
-    format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>{}</title><style>{STYLE}{style}</style></head><body><main>{body}</main></body></html>\n",
-        escaped(title)
-    )
-}
-
-/// Text as HTML, also within quoted attributes.
-pub fn escaped(text: &str) -> String {
-    text.chars().fold(String::with_capacity(text.len()), |mut out, character| {
-        match character {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            other => out.push(other),
-        }
-        out
-    })
-}
+pub use document::{Page, Section, UPLOT_CSS, UPLOT_JS, Verdict, style};
+pub use palette::{ASIDE, HEADING, SERIES, Tone};
+pub use plot::{Mark, Panel, Plot, STRETCHES, Series, Span, Tick, range, range_without_spikes, share, ticks};
 
 /// A number with three significant digits, as short as it can be; `-` for what is no number.
 pub fn digits(x: f64) -> String {
@@ -56,15 +31,15 @@ pub fn digits(x: f64) -> String {
     }
 }
 
+/// Words that begin a sentence.
+pub fn capitalised(words: &str) -> String {
+    let mut characters = words.chars();
+    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn text_cannot_become_markup() {
-        let page = document("<a> & \"b\"", "", "");
-        assert!(page.contains("<title>&lt;a&gt; &amp; &quot;b&quot;</title>"), "{page}");
-    }
 
     #[test]
     fn numbers_have_three_digits() {

@@ -1,6 +1,7 @@
 //! What a flight achieved, from what the tracker saw and the controller wanted.
 
 use bench_device::{PositionSample, Time, TrackStatus};
+use bench_recording::{Flight, Mode};
 use bench_rig::{Criteria, Mission, Phase, Rig};
 
 /// The figures of one flight. Positions are those of the tracker, at their times of exposure; a figure that the flight
@@ -34,6 +35,38 @@ pub struct Summary {
     pub unanswered: u64,
     /// How well time was kept.
     pub timing: Timing,
+}
+
+impl Summary {
+    /// The figures of a recorded flight; `settle_band_m` is the mission's, m. They are those that were computed as it flew.
+    pub fn of_flight(flight: &Flight, settle_band_m: Option<f64>) -> Self {
+        let positions = flight.positions.iter().filter(|position| position.status != TrackStatus::Lost);
+        let mut ticks = flight.ticks.iter().peekable();
+        let mut readbacks = flight.readbacks.iter().peekable();
+        // Logs that were imported need not hold what the outputs measured.
+        let is_read_back = flight.session.mode != Mode::Import || !flight.readbacks.is_empty();
+        let mut entries = Vec::with_capacity(flight.states.len());
+        for (index, state) in flight.states.iter().enumerate() {
+            while ticks.next_if(|tick| tick.started < state.time).is_some() {}
+            let tick = ticks.next_if(|tick| tick.started == state.time);
+            let until = flight.states.get(index + 1).map(|next| next.time);
+            let mut answered = !is_read_back;
+            while readbacks.next_if(|readback| until.is_none_or(|until| readback.time < until)).is_some() {
+                answered = true;
+            }
+            entries.push(LogEntry {
+                time: state.time,
+                phase: state.phase,
+                setpoint_m: state.setpoint_m,
+                lateness_s: tick.map_or(0.0, |tick| tick.started.since_s(tick.scheduled)),
+                actuate_s: tick.map_or(0.0, |tick| tick.actuate_s),
+                answered,
+                overrun: tick.is_some_and(|tick| tick.overrun),
+            });
+        }
+        let positions = positions.map(|position| (position.exposed_at, position.position_m)).collect();
+        FlightLog { settle_band_m, positions, entries }.summarise()
+    }
 }
 
 /// How well a loop kept its time; all zero in lockstep.

@@ -146,7 +146,7 @@ fn open(arguments: &OpenArguments) -> anyhow::Result<Exit> {
         words::print(&score.in_words())?;
     }
     if let Some(file) = &arguments.page.html {
-        files::write_and_say(file, &bench_blind::page(&score))?;
+        files::write_and_say(file, &bench_blind::page(&score, &words::command()))?;
     }
     Ok(Exit::Done)
 }

@@ -16,7 +16,7 @@ use crate::{
     calibration::{self, Chosen, Missions, Wanted},
     commands::tracks::Selection,
     diagnosis::{
-        page::{Made, page},
+        page::page,
         report::{Conclusion, Report},
         terminal::in_words,
     },
@@ -112,26 +112,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.write_calibration.as_deref(), Form::Any)
         .from(arguments.selection.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let nominal = arguments.rig.resolve(&arguments.selection.flights)?;
-    let rig = nominal.rig;
-    let mut flown = Missions::default();
-    let mut unread = Vec::new();
-    let (tracks, unused) = arguments.selection.tracks(&rig, |path, flight| {
-        match flight.mission_toml().map(|text| Mission::read(path, text)) {
-            Some(Ok(mission)) => flown.0.push(mission),
-            // The flights can be diagnosed all the same.
-            Some(Err(error)) => unread.push(format!("the mission that {} holds: {error}", path.display())),
-            None => {}
-        }
-    })?;
-    if tracks.is_empty() {
-        bail!("none of the flights can be diagnosed:\n{}", unused.join("\n"));
-    }
-    for track in &tracks {
-        plausible_altitude(track, &rig).context("nothing diagnosed")?;
-    }
-    let mut warnings = [unused, nominal.remarks, unread].concat();
-    warnings.extend(unused_motion(&tracks, &rig));
+    let Prepared { rig, from, tracks, flown, mut warnings } =
+        Prepared::read(&arguments.selection, &arguments.rig)?;
     let chosen = match arguments.calibrate {
         Some(sets) => calibration::learnt(&rig, &flown, sets)?,
         None => calibration::choose(&arguments.calibration, &rig, &flown)?,
@@ -152,7 +134,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let flights = words::count(tracks.len() as u64, "flight");
     progress.begin_untold(&format!("weighing what explains {flights}"));
     let mut diagnosis = Diagnosis::of(&problem, &calibration);
-    refuse_absurd(&diagnosis, &nominal.from)?;
+    refuse_absurd(&diagnosis, &from)?;
     let mut refused = false;
     if arguments.next_flight.is_some() {
         progress.begin_untold("trying missions for the next flight");
@@ -173,10 +155,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::print(&in_words(&report, rig.airframe.actuation))?;
     }
     if let Some(file) = &arguments.page.html {
-        let command = std::iter::once("bench".to_owned())
-            .chain(std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()))
-            .collect();
-        files::write_and_say(file, &page(&report, &Made { rig: &rig, command }))?;
+        files::write_and_say(file, &page(&report, &rig))?;
     }
     if let Some(path) = &arguments.write_rig {
         write_rig(path, &rig, &report)?;
@@ -190,6 +169,59 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     let gap = report.verdict != Conclusion::None;
     Ok(if refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// Flights as the diagnosis takes them, and the rig that they are held against.
+struct Prepared {
+    rig: Rig,
+    /// Where the rig comes from, in words.
+    from: String,
+    tracks: Vec<Track>,
+    /// The missions that the recordings carry.
+    flown: Missions,
+    warnings: Vec<String>,
+}
+
+impl Prepared {
+    fn read(selection: &Selection, rig: &NominalRig) -> anyhow::Result<Self> {
+        let nominal = rig.resolve(&selection.flights)?;
+        let rig = nominal.rig;
+        let mut flown = Missions::default();
+        let mut unread = Vec::new();
+        let (tracks, unused) = selection.tracks(&rig, |path, flight| {
+            match flight.mission_toml().map(|text| Mission::read(path, text)) {
+                Some(Ok(mission)) => flown.0.push(mission),
+                // The flights can be diagnosed all the same.
+                Some(Err(error)) => {
+                    unread.push(format!("the mission that {} holds: {error}", path.display()));
+                }
+                None => {}
+            }
+        })?;
+        if tracks.is_empty() {
+            bail!("none of the flights can be diagnosed:\n{}", unused.join("\n"));
+        }
+        for track in &tracks {
+            plausible_altitude(track, &rig).context("nothing diagnosed")?;
+        }
+        let mut warnings = [unused, nominal.remarks, unread].concat();
+        warnings.extend(unused_motion(&tracks, &rig));
+        Ok(Self { rig, from: nominal.from, tracks, flown, warnings })
+    }
+}
+
+/// Recordings diagnosed with the built-in calibration, and the rig that they were held against.
+pub fn diagnosed(flights: &[PathBuf], rig: &NominalRig) -> anyhow::Result<(Report, Rig)> {
+    let Prepared { rig, from, tracks, flown, warnings } =
+        Prepared::read(&Selection::whole(flights.to_vec()), rig)?;
+    let chosen = calibration::choose(&Wanted::BuiltIn, &rig, &flown)?;
+    let progress = Progress::of("diagnose");
+    progress.begin_untold(&format!("weighing what explains {}", words::count(tracks.len() as u64, "flight")));
+    let mut diagnosis = Diagnosis::of(&Problem::new(&tracks, &rig), &chosen.calibration);
+    drop(progress);
+    refuse_absurd(&diagnosis, &from)?;
+    diagnosis.warnings = warnings;
+    Ok((Report::new(diagnosis, MIN_CONFIDENCE, chosen.choice), rig))
 }
 
 /// Numbers further off are told as those that are.

@@ -1,7 +1,8 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use bench_recording::diff::{
-    Align, DiffOptions, ToleranceKey, Tolerances, Verdict, diff, render_html, render_text,
+    Align, DiffOptions, DiffReport, ToleranceKey, Tolerances, Verdict, diff, html_verdict, render_html,
+    render_text,
 };
 use clap::{Args, ValueEnum};
 
@@ -83,7 +84,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.page.html.as_deref(), Form::Html)
         .from([arguments.a.as_path(), arguments.b.as_path()])
         .check()?;
-    let mut options = DiffOptions {
+    let options = DiffOptions {
         align: match arguments.align {
             AlignChoice::Auto => Align::Auto,
             AlignChoice::None => Align::None,
@@ -95,30 +96,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         exact: arguments.exact,
         ..DiffOptions::default()
     };
-    let mut underived = None;
-    if !arguments.exact && arguments.floor.is_empty() {
-        match repeats::derived(&arguments.a, &arguments.b)? {
-            Ok(derived) => options.derived = Some(derived),
-            Err(why) => underived = Some(why),
-        }
-    }
-    let mut report = diff(&arguments.a, &arguments.b, &options)?;
-    if let Some(why) = underived {
-        report.notes.insert(0, format!("tolerances are the built-in ones, by unit: {why}"));
-    }
+    let report = compared(&arguments.a, &arguments.b, options)?;
     if let Some(page) = &arguments.page.html {
-        files::write_and_say(page, &render_html(&report))?;
+        files::write_and_say(page, &render_html(&report, &words::command()))?;
     }
     if arguments.json.json {
         words::print_json(&report)?;
     } else {
-        words::print(&render_text(&report, arguments.all))?;
+        words::print(&words::headed(html_verdict(&report).tone, &render_text(&report, arguments.all)))?;
     }
     Ok(match report.verdict() {
         Verdict::Same | Verdict::WithinTolerance => Exit::Done,
         Verdict::NotComparable => Exit::BadInput,
         _ => Exit::CheckFailed,
     })
+}
+
+/// Two recordings compared, with tolerances from the rig and mission that both carry unless the options have others.
+pub fn compared(a: &Path, b: &Path, mut options: DiffOptions) -> anyhow::Result<DiffReport> {
+    let mut underived = None;
+    if !options.exact && options.floor.is_empty() {
+        match repeats::derived(a, b)? {
+            Ok(derived) => options.derived = Some(derived),
+            Err(why) => underived = Some(why),
+        }
+    }
+    let mut report = diff(a, b, &options)?;
+    if let Some(why) = underived {
+        report.notes.insert(0, format!("tolerances are the built-in ones, by unit: {why}"));
+    }
+    Ok(report)
 }
 
 fn tolerances(arguments: &Arguments) -> anyhow::Result<Tolerances> {

@@ -28,10 +28,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if info.closed {
         return Ok(Exit::Done);
     }
-    eprintln!(
-        "warning: {} was not closed, its end may be missing; `bench recover` makes a whole recording of it",
+    words::warn(format_args!(
+        "{} was not closed, its end may be missing; `bench recover` makes a whole recording of it",
         info.path.display()
-    );
+    ));
     Ok(Exit::DataLoss)
 }
 

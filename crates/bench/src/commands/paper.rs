@@ -14,12 +14,16 @@ use bench_identification::{
     GroundIdentification, OpenLoop, Readings, ThrustIdentification, ThrustOptions, Tolerance, Verification,
     identify_flights, identify_ground_effect, identify_thrust, verify,
 };
-use bench_page::{Figure, Mark, escaped};
+use bench_page::{
+    Mark, Page, Panel, Plot, Section, Series, Tone, Verdict,
+    parts::{Column, block, cell, passed, table},
+};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Options, Record, Recorder};
 use bench_rig::{Mission, Model, Phase, Rig};
 use bench_run::{Ending, Sink, simulate};
 use clap::Args;
+use maud::html;
 use serde::Serialize;
 
 use self::{
@@ -32,7 +36,7 @@ use crate::{
     balance::Plan,
     exit::Exit,
     files::{self, Form, Outputs},
-    model_page::{self, card, ground_figure, mark, table, thrust_figure, trajectory_figure},
+    model_page::{ground_figure, thrust_figure, trajectory_figure},
     progress::Progress,
     recorded::{added_effects, simulated_session},
     words,
@@ -109,10 +113,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     } else {
         let mut out = String::new();
         for one in &statements {
-            let verdict = if one.passed { "pass" } else { "FAIL" };
+            let verdict = words::passed(one.passed);
             // Writing to a String cannot fail.
-            let _ =
-                writeln!(out, "{verdict}  figure {:<3} {}\n      made: {}", one.figure, one.stated, one.made);
+            let _ = writeln!(
+                out,
+                "{verdict}  figure {:<3} {}\n        made: {}",
+                one.figure, one.stated, one.made
+            );
         }
         let _ = write!(
             out,
@@ -190,7 +197,7 @@ impl Work {
         Ok(Self { lab, rig, thrust, ground, hop, hop_verified, climb: climb_flight, model_climb })
     }
 
-    fn figures(&self) -> Vec<(&'static str, Figure, &'static str)> {
+    fn figures(&self) -> Vec<(&'static str, Plot, &'static str)> {
         vec![
             (
                 "figure-4",
@@ -199,12 +206,12 @@ impl Work {
             ),
             (
                 "figure-9",
-                thrust_figure(&self.thrust, &self.rig).titled("Figure 9: thrust over throttle"),
+                thrust_figure(&self.thrust, &self.rig, "Figure 9: thrust over throttle"),
                 "Readings of the emulated balance at two levels of charge, weight taken off, and the lines fitted to them; crosses are refused.",
             ),
             (
                 "figure-10",
-                ground_figure(&self.ground).titled("Figure 10: thrust over altitude"),
+                ground_figure(&self.ground, "Figure 10: thrust over altitude"),
                 "Thrust at three throttles over altitude, with the linear law.",
             ),
             (
@@ -225,93 +232,80 @@ impl Work {
         ]
     }
 
-    fn figure_4(&self) -> Figure {
-        let mut figure = Figure::new("Figure 4: vertical trace", "time, s", "altitude, m; speed, m/s");
-        figure.add("seen, m", Mark::Dots, 1, seen(&self.climb));
+    fn figure_4(&self) -> Plot {
         let states = || self.climb.states.iter();
-        figure.add("altitude, m", Mark::Steps, 0, states().map(|s| (s.time.seconds(), s.estimate_m[2])));
-        figure.add("speed, m/s", Mark::Steps, 2, states().map(|s| (s.time.seconds(), s.estimate_m_s[2])));
-        figure
+        let altitude = states().map(|s| (s.time.seconds(), s.estimate_m[2]));
+        let speed = states().map(|s| (s.time.seconds(), s.estimate_m_s[2]));
+        let panel = Panel::new("altitude, m; speed, m/s")
+            .with(Series::new("seen, m", Mark::Dots, 1, seen(&self.climb)))
+            .with(Series::new("altitude, m", Mark::Steps, 0, altitude))
+            .with(Series::new("speed, m/s", Mark::Steps, 2, speed));
+        Plot::new("Figure 4: vertical trace", "time, s").panel(panel)
     }
 
-    fn figure_11(&self) -> Figure {
+    fn figure_11(&self) -> Plot {
         let [first, refined] = &self.hop_verified;
-        let mut figure = trajectory_figure(&refined.flights[0]);
-        let told = &first.flights[0].trajectory;
-        let before = told.time_s.iter().copied().zip(told.nominal_m.iter().copied());
-        figure.add("balance alone", Mark::Dashed, 2, before);
-        figure
+        let refined = &refined.flights[0];
+        trajectory_figure(refined, &refined.name, first.flights.first())
     }
 
-    fn figure_15(&self) -> Figure {
-        let mut figure = Figure::new("Figure 15: altitude of a climb to 0.4 m", "time, s", "altitude, m");
+    fn figure_15(&self) -> Plot {
         let wanted = self.climb.states.iter().filter(|s| s.phase == Phase::Hold);
-        figure.add("wanted", Mark::Dashed, 5, wanted.map(|s| (s.time.seconds(), s.setpoint_m[2])));
-        figure.add("model", Mark::Line, 0, true_altitude(&self.model_climb));
-        figure.add("flight", Mark::Dots, 1, seen(&self.climb));
-        figure
+        let wanted = wanted.map(|s| (s.time.seconds(), s.setpoint_m[2]));
+        let panel = Panel::new("altitude, m")
+            .with(Series::new("wanted", Mark::Dashed, 5, wanted))
+            .with(Series::new("model", Mark::Line, 0, true_altitude(&self.model_climb)))
+            .with(Series::new("flight", Mark::Dots, 1, seen(&self.climb)));
+        Plot::new("Figure 15: altitude of a climb to 0.4 m", "time, s").panel(panel).group("climb")
     }
 
-    fn figure_16(&self) -> Figure {
-        let mut figure = Figure::new("Figure 16: vertical speed of the same climb", "time, s", "speed, m/s");
-        figure.add("flight", Mark::Line, 1, seen_speed(&self.climb));
-        figure.add("model", Mark::Line, 0, true_speed(&self.model_climb));
-        figure
+    fn figure_16(&self) -> Plot {
+        let panel = Panel::new("speed, m/s")
+            .with(Series::new("flight", Mark::Line, 1, seen_speed(&self.climb)))
+            .with(Series::new("model", Mark::Line, 0, true_speed(&self.model_climb)));
+        Plot::new("Figure 16: vertical speed of the same climb", "time, s").panel(panel).group("climb")
     }
 
     fn page(
         &self,
         statements: &[Statement],
-        figures: &[(&'static str, Figure, &'static str)],
+        figures: &[(&'static str, Plot, &'static str)],
         arguments: &Arguments,
     ) -> String {
-        let passed = statements.iter().filter(|one| one.passed).count();
-        let all = passed == statements.len();
-        let mut out = format!(
-            "<section class=\"card verdict {}\"><h1>{passed} of {} statements of the paper are met</h1><p class=\"lead\">S. Wright, Model-based development of MAV altitude control via ground-based equipment: its figures as this bench makes them. Airframe {}, seed {}.</p></section>",
-            if all { "pass" } else { "fail" },
-            statements.len(),
-            escaped(&self.rig.airframe.name),
-            arguments.seed
-        );
-        let _ = write!(
-            out,
-            "<section class=\"card\"><p>No real airframe flew here. The laboratory is the virtual one of rig <code>{}</code> with {GUSTS}, its tracker's noise, rounding and delay and its output's steps; the balance is emulated ({DISCHARGE}, 0.08 g of noise, steps of 0.1 g, one reading in 25 off by up to 5 g). The model knows of it what <code>bench identify</code> found in the readings and in four flights that are not shown, the rig's tolerances being what is known before. That they agree shows that the way of working works; that the laws are right, only a real airframe can show. The paper prints its figures without tables, so what is compared is what it says of them in words.</p></section>",
-            escaped(&self.lab.name)
-        );
-        for (name, figure, words) in figures {
-            let number = name.trim_start_matches("figure-");
-            let rows: Vec<Vec<String>> = statements
-                .iter()
-                .filter(|one| one.figure.split(", ").any(|figure| figure == number))
-                .map(|one| {
-                    vec![
-                        format!(
-                            "{} <span class=\"soft\">(section {})</span>",
-                            escaped(one.stated),
-                            one.section
-                        ),
-                        escaped(&one.made),
-                        escaped(one.rule),
-                        mark(one.passed),
-                    ]
-                })
-                .collect();
-            let _ = write!(
-                out,
-                "<h2>Figure {number}</h2>{}",
-                card(&figure.svg(), &format!("{words} <a href=\"{name}.svg\">{name}.svg</a>"))
-            );
-            if !rows.is_empty() {
-                let _ = write!(
-                    out,
-                    "<section class=\"card\">{}</section>",
-                    table(&["stated", "made", "rule", ""], &rows)
-                );
-            }
-        }
-        model_page::page("The paper's figures", &out)
+        let met = statements.iter().filter(|one| one.passed).count();
+        let below = html! {
+            p.lead { "S. Wright, Model-based development of MAV altitude control via ground-based equipment: its figures as this bench makes them. Airframe " (self.rig.airframe.name) ", seed " (arguments.seed) "." }
+            p { "No real airframe flew here. The laboratory is the virtual one of rig " code { (self.lab.name) } " with " (GUSTS) ", its tracker's noise, rounding and delay and its output's steps; the balance is emulated (" (DISCHARGE) ", 0.08 g of noise, steps of 0.1 g, one reading in 25 off by up to 5 g). The model knows of it what " code { "bench identify" } " found in the readings and in four flights that are not shown, the rig's tolerances being what is known before. That they agree shows that the way of working works; that the laws are right, only a real airframe can show. The paper prints its figures without tables, so what is compared is what it says of them in words." }
+        };
+        let headline = format!("{met} of {} statements of the paper are met", statements.len());
+        let verdict = Verdict::new(Tone::of(met == statements.len()), headline).with(below);
+        Page::new("The paper's figures", verdict)
+            .sections(figures.iter().map(|(name, figure, words)| of_figure(name, figure, words, statements)))
+            .made_by(words::command())
+            .html()
     }
+}
+
+fn of_figure(name: &str, figure: &Plot, words: &str, statements: &[Statement]) -> Section {
+    let number = name.trim_start_matches("figure-");
+    let of = statements.iter().filter(|one| one.figure.split(", ").any(|figure| figure == number));
+    let rows: Vec<Vec<_>> = of
+        .map(|one| {
+            vec![
+                html! { (one.stated) " " span.soft { "(section " (one.section) ")" } },
+                cell(&one.made),
+                cell(one.rule),
+                passed(one.passed),
+            ]
+        })
+        .collect();
+    let columns = [Column::Words("stated"), Column::Words("made"), Column::Words("rule"), Column::Words("")];
+    let file = format!("{name}.svg");
+    let body = html! {
+        (block("", words, html! { (figure) p.soft { a href=(file) { (file) } } }))
+        @if !rows.is_empty() { (table(&columns, rows)) }
+    };
+    Section::new(format!("Figure {number}"), body)
 }
 
 /// The model as the paper simulates it: vertical, in calm air, its tracker late but without noise.

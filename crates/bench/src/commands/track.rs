@@ -99,7 +99,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::print(&in_words(arguments, &replay, &watch, &rows))?;
     }
     if let Some(error) = watch.failed() {
-        eprintln!("error: not all views were drawn: {error}");
+        words::fail(format_args!("not all views were drawn: {error}"));
         return Ok(Exit::DataLoss);
     }
     Ok(if watch.lost == watch.frames { Exit::CheckFailed } else { Exit::Done })
@@ -121,11 +121,11 @@ fn rig(arguments: &Arguments) -> anyhow::Result<(Rig, PathBuf)> {
     if arguments.rig.is_some() && beside.is_file() {
         let own = files::rig(&beside)?;
         if own.calibration != rig.calibration || own.tracker.latency_s != rig.tracker.latency_s {
-            eprintln!(
-                "warning: calibration or latency of {} are not those of {}, by which the frames were recorded",
+            words::warn(format_args!(
+                "calibration or latency of {} are not those of {}, by which the frames were recorded",
                 path.display(),
                 beside.display()
-            );
+            ));
         }
     }
     Ok((rig, path))

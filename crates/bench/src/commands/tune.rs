@@ -4,7 +4,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_page::digits;
+use bench_page::{Tone, digits};
 use bench_rig::{Predictor, Rig};
 use bench_tuning::{
     Effort, HOLDING, Limits, LoopKind, Made, Standing, Step, Task, Tuned, Tuning, page, tune, with_gains,
@@ -224,10 +224,10 @@ impl Arguments {
 fn warn(rig: &Rig) {
     let control = &rig.control;
     if control.predictor == Predictor::Linear && control.velocity_window_s < rig.tracker.frame_period_s {
-        eprintln!(
-            "warning: velocity_window_s = {} is shorter than the tracker's frame_period_s = {}: no two sightings fall into it, and the rig's own gains fly without any velocity",
+        words::warn(format_args!(
+            "velocity_window_s = {} is shorter than the tracker's frame_period_s = {}: no two sightings fall into it, and the rig's own gains fly without any velocity",
             control.velocity_window_s, rig.tracker.frame_period_s
-        );
+        ));
     }
     let airframe = &rig.airframe;
     let sigmas = [
@@ -237,9 +237,9 @@ fn warn(rig: &Rig) {
         airframe.thrust.hover_sigma.unwrap_or(0.0),
     ];
     if sigmas.iter().all(|sigma| *sigma == 0.0) {
-        eprintln!(
-            "warning: neither mass nor thrust has a tolerance (`sigma`): gains are tuned for one airframe"
-        );
+        words::warn(format_args!(
+            "neither mass nor thrust has a tolerance (`sigma`): gains are tuned for one airframe"
+        ));
     }
 }
 
@@ -274,7 +274,7 @@ fn moved_files(rig: &Path, output: &Path, text: &str) -> anyhow::Result<Vec<(&'s
 fn in_words(tuning: &Tuning, output: &Path) -> String {
     let mut out = format!(
         "{}\n\n{}: tuned on {}, checked on {} fresh\n",
-        tuning.verdict(),
+        words::toned(Tone::of(tuning.passed()), &tuning.verdict()),
         output.display(),
         words::count(tuning.effort.models as u64, "airframe"),
         words::grouped(tuning.effort.checked as u64)
@@ -302,7 +302,7 @@ fn of_loop(out: &mut String, tuned: &Tuned, altitude_m: f64) {
         let after =
             if judged.after.is_some() { after } else { none(tuned.after.margins.is_some()).to_owned() };
         let standing = match (judged.standing, judged.between) {
-            (Standing::Broken, _) => "  broken".to_owned(),
+            (Standing::Broken, _) => format!("  {}", words::toned(Tone::Bad, "broken")),
             (Standing::AtLimit, Some([low, high])) => {
                 format!("  at the limit: {} to {}", digits(low), digits(high))
             }

@@ -3,6 +3,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use anyhow::{Context, bail};
 use bench_diagnosis::Track;
 use bench_identification::{OpenLoop, Tolerance, Verification, VerifyVerdict, verify};
+use bench_page::Tone;
 use bench_recording::Flight;
 use bench_rig::{Phase, Rig};
 use clap::Args;
@@ -85,15 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.page.html.as_deref(), Form::Html)
         .from(arguments.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let nominal = arguments.rig.resolve(&arguments.flights)?;
-    let rig = nominal.rig;
-    let recorded = Recorded::read(&arguments.flights, |path, flight| {
-        open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
-    })?;
-    for remark in recorded.remarks.iter().chain(&nominal.remarks) {
-        eprintln!("warning: {remark}");
-    }
-    let found = verify(&recorded.made, &rig, &tolerance).context("nothing verified")?;
+    let (found, rig) = verified(&arguments.flights, &arguments.rig, &tolerance)?;
     if let Some(page) = &arguments.page.html {
         files::write_and_say(page, &model_page::verification(&found, &rig))?;
     }
@@ -103,6 +96,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::print(&in_words(&found))?;
     }
     Ok(if found.passed { Exit::Done } else { Exit::CheckFailed })
+}
+
+/// The model held against recordings, and the rig that it is of. What should be known of them is told.
+pub fn verified(
+    flights: &[PathBuf],
+    rig: &NominalRig,
+    tolerance: &Tolerance,
+) -> anyhow::Result<(Verification, Rig)> {
+    let nominal = rig.resolve(flights)?;
+    let rig = nominal.rig;
+    let recorded = Recorded::read(flights, |path, flight| {
+        open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
+    })?;
+    for remark in recorded.remarks.iter().chain(&nominal.remarks) {
+        words::warn(format_args!("{remark}"));
+    }
+    let found = verify(&recorded.made, &rig, tolerance).context("nothing verified")?;
+    Ok((found, rig))
 }
 
 /// A flight as far as its throttle was not closed over the altitude.
@@ -143,10 +154,12 @@ fn in_words(found: &Verification) -> String {
         out,
         "\n{}",
         match found.verdict {
-            VerifyVerdict::Passed => "The model predicts these flights",
-            VerifyVerdict::Failed => "The model misses these flights",
-            VerifyVerdict::NotInformative =>
-                "Not informative: within the rig's tolerances nearly any flight would have passed",
+            VerifyVerdict::Passed => words::toned(Tone::Good, "The model predicts these flights"),
+            VerifyVerdict::Failed => words::toned(Tone::Bad, "The model misses these flights"),
+            VerifyVerdict::NotInformative => words::toned(
+                Tone::Odd,
+                "Not informative: within the rig's tolerances nearly any flight would have passed"
+            ),
         }
     );
     for check in &found.checks {
@@ -154,9 +167,8 @@ fn in_words(found: &Verification) -> String {
             out,
             "{} {}: {} ({} {}){}",
             match (check.passed, found.verdict) {
-                (true, _) => "passed",
-                (false, VerifyVerdict::NotInformative) => "TOO WIDE",
-                (false, _) => "FAILED",
+                (false, VerifyVerdict::NotInformative) => words::toned(Tone::Odd, "TOO WIDE"),
+                (passed, _) => words::passed(passed),
             },
             check.name,
             short(check.value),
@@ -176,7 +188,7 @@ fn in_words(found: &Verification) -> String {
         let _ = writeln!(out, "what would narrow it: {how}");
     }
     for warning in &found.warnings {
-        let _ = writeln!(out, "warning: {warning}");
+        let _ = writeln!(out, "{}: {warning}", words::toned(Tone::Odd, "warning"));
     }
     out
 }

@@ -1,6 +1,7 @@
 //! A diagnosis as it is reported: what it comes to, held to how sure it must be and to flights of one condition.
 
 use bench_diagnosis::{Agreeing, Diagnosis, Disagreement, Verdict};
+use bench_page::Tone;
 use serde::Serialize;
 
 use super::told;
@@ -122,6 +123,15 @@ impl Report {
                 told::percent(self.confidence),
                 told::percent(self.min_confidence)
             ),
+        }
+    }
+
+    /// What the verdict means to who reads it.
+    pub fn tone(&self) -> Tone {
+        match self.verdict {
+            Conclusion::Effect => Tone::Plain,
+            Conclusion::None => Tone::Good,
+            Conclusion::Unknown | Conclusion::Inconclusive => Tone::Odd,
         }
     }
 

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use bench_diagnosis::{Candidate, Diagnosis, Figure, ParameterValue, RegionTold, Verdict};
-use bench_page::digits;
+use bench_page::{Tone, digits};
 use bench_rig::Actuation;
 
 use super::{
@@ -33,7 +33,7 @@ pub fn in_words(report: &Report, sticks: Actuation) -> String {
         let _ = writeln!(out, "  {step}");
     }
     for warning in diagnosis.warnings.iter().take(MOST) {
-        let _ = writeln!(out, "warning: {warning}");
+        let _ = writeln!(out, "{}: {warning}", words::toned(Tone::Odd, "warning"));
     }
     if let Some(more) = diagnosis.warnings.len().checked_sub(MOST).filter(|more| *more > 0) {
         let _ = writeln!(out, "and {}: --json has them", words::count(more as u64, "more warning"));
@@ -47,7 +47,7 @@ fn what(out: &mut String, report: &Report) {
     let _ = writeln!(
         out,
         "{}\n{}, {}; calibration of probabilities: {} ({})",
-        report.headline(),
+        words::toned(report.tone(), &report.headline()),
         words::count(diagnosis.flights.len() as u64, "flight"),
         words::count(sightings as u64, "sighting"),
         diagnosis.calibration.source,

@@ -1,145 +1,121 @@
-//! The report as one page that needs nothing else.
+//! The report as one page that needs nothing else, and as sections of another page.
 
-use std::fmt::Write as _;
-
-use bench_page::{digits, document, escaped};
+use bench_page::{
+    Page, Section, Verdict as PageVerdict, capitalised, digits,
+    parts::{Column, badge, block, cell, facts, folded, list, table},
+};
+use maud::{Markup, html};
 
 use super::{
     DiffReport, FieldReport, RecordingSummary, Verdict,
-    chart::{charts, phase_row, time_axis},
+    plots::{self, timeline, tone, traces},
     text::{self, quantity},
 };
 
-const STYLE: &str = include_str!("html.css");
-
-/// The report as a self-contained HTML page, light or dark as the reader's system is.
-pub fn render_html(report: &DiffReport) -> String {
-    let mut out = String::new();
-    let title = format!("{} against {}", file_name(&report.a), file_name(&report.b));
-    head(&mut out, report);
-    phases(&mut out, report);
-    let counts = |field: &&FieldReport| field.counts();
-    let of = |verdict| report.fields.iter().filter(counts).filter(move |field| field.verdict == verdict);
-    section(&mut out, report, "Different", of(Verdict::Different), true);
-    absent(&mut out, "Missing or not comparable", of(Verdict::Missing).chain(of(Verdict::NotComparable)));
-    section(&mut out, report, "Within tolerance", of(Verdict::WithinTolerance), false);
-    section(&mut out, report, "Same", of(Verdict::Same), false);
-    let aside = || report.fields.iter().filter(|field| !field.counts());
-    section(&mut out, report, "Not counted", aside().filter(|field| field.reason.is_none()), false);
-    absent(&mut out, "Not counted, in one recording only", aside().filter(|field| field.reason.is_some()));
-    let _ = write!(out, "<footer>{}, times on the clock of A</footer>", DiffReport::SCHEMA);
-    document(&title, STYLE, &out)
+/// The report as a self-contained HTML page, light or dark as the reader's system is, with the command that makes it again.
+pub fn render_html(report: &DiffReport, command: &str) -> String {
+    Page::new(format!("{} against {}", file_name(&report.a), file_name(&report.b)), html_verdict(report))
+        .sections(html_sections(report))
+        .made_by(command)
+        .foot(DiffReport::SCHEMA)
+        .html()
 }
 
-fn head(out: &mut String, report: &DiffReport) {
+/// What the report comes to, for the top of a page.
+pub fn html_verdict(report: &DiffReport) -> PageVerdict {
     let (_, rest) = report.summary.split_once(": ").unwrap_or(("", &report.summary));
-    let _ = write!(
-        out,
-        "<section class=\"card verdict {}\"><h1>{}</h1><p class=\"lead\">{}</p><ul class=\"counts\">",
-        class(report.verdict),
-        capitalised(report.verdict.name()),
-        escaped(&capitalised(rest))
-    );
-    for verdict in [
+    let counts = [
         Verdict::Different,
         Verdict::Missing,
         Verdict::NotComparable,
         Verdict::WithinTolerance,
         Verdict::Same,
-    ] {
-        let count = text::counted(report, verdict);
-        if count > 0 {
-            let _ = write!(out, "<li class=\"{}\"><b>{count}</b> {}</li>", class(verdict), verdict.name());
+    ];
+    let counts = counts.map(|verdict| (text::counted(report, verdict), verdict));
+    let recordings = [("A", plots::A, &report.a), ("B", plots::B, &report.b)];
+    let below = html! {
+        p.lead { (capitalised(rest)) }
+        p.soft { @for (count, verdict) in counts { @if count > 0 { (badge(tone(verdict), &format!("{count} {}", verdict.name()))) " \u{2002} " } } }
+        @for (name, colour, recording) in recordings {
+            p { span.swatch.{ "c" (colour) } {} b { (name) } " " (file_name(recording)) " " span.soft { (text::recording(recording)) } }
         }
-    }
-    out.push_str("</ul></section><div class=\"pair\">");
-    for (name, key, recording) in [("A", "a", &report.a), ("B", "b", &report.b)] {
-        let _ = write!(
-            out,
-            "<section class=\"card\"><h3><span class=\"key {key}\"></span>{name} <span class=\"channel\">{}</span></h3>\
-             <p class=\"soft\">{}</p></section>",
-            escaped(file_name(recording)),
-            escaped(&text::recording(recording))
-        );
-    }
-    out.push_str("</div>");
+        (list(&report.notes.iter().map(|note| capitalised(note)).collect::<Vec<_>>()))
+    };
+    PageVerdict::new(tone(report.verdict), capitalised(report.verdict.name())).with(below)
 }
 
-fn phases(out: &mut String, report: &DiffReport) {
-    out.push_str("<h2>Alignment</h2><section class=\"card\">");
-    let _ = write!(out, "<p>{}</p>", escaped(&capitalised(&text::alignment(report))));
-    let _ = write!(out, "<p>{}</p>", escaped(&capitalised(&text::coverage(report))));
-    if let Some(origin) = text::tolerances(report) {
-        let _ = write!(out, "<p class=\"soft\">{}</p>", escaped(&capitalised(&origin)));
-    }
-    for note in &report.notes {
-        let _ = write!(out, "<p class=\"soft\">{}</p>", escaped(&capitalised(note)));
-    }
-    if !report.a.phases.is_empty() || !report.b.phases.is_empty() {
-        let shift_s = -report.alignment.offset_s;
-        let t = [
-            report.a.first_s.min(report.b.first_s + shift_s),
-            report.a.last_s.max(report.b.last_s + shift_s),
-        ];
-        out.push_str("<div class=\"phases\">");
-        phase_row(out, "A", &report.a.phases, 0.0, t);
-        phase_row(out, "B", &report.b.phases, shift_s, t);
-        time_axis(out, t);
-        out.push_str("</div>");
-    }
-    out.push_str("</section>");
+/// The parts of the page: what differs first, how it was compared last.
+pub fn html_sections(report: &DiffReport) -> Vec<Section> {
+    let counts = |field: &&FieldReport| field.counts();
+    let of = |verdict| report.fields.iter().filter(counts).filter(move |field| field.verdict == verdict);
+    let aside = || report.fields.iter().filter(|field| !field.counts());
+    let sections = [
+        open(report, "Different", of(Verdict::Different)),
+        absent("Missing or not comparable", of(Verdict::Missing).chain(of(Verdict::NotComparable))),
+        closed(report, "Within tolerance", of(Verdict::WithinTolerance)),
+        closed(report, "Same", of(Verdict::Same)),
+        closed(report, "Not counted", aside().filter(|field| field.reason.is_none())),
+        absent("Not counted, in one recording only", aside().filter(|field| field.reason.is_some())),
+    ];
+    sections.into_iter().flatten().chain([alignment(report)]).collect()
 }
 
-/// Fields with their charts; closed ones open on a click.
-fn section<'a>(
-    out: &mut String,
+fn alignment(report: &DiffReport) -> Section {
+    let shift_s = -report.alignment.offset_s;
+    let (a, b) = (&report.a, &report.b);
+    let t = [a.first_s.min(b.first_s + shift_s), a.last_s.max(b.last_s + shift_s)];
+    let body = html! {
+        p { (capitalised(&text::alignment(report))) "." }
+        p { (capitalised(&text::coverage(report))) "." }
+        @if let Some(origin) = text::tolerances(report) { p.soft { (capitalised(&origin)) "." } }
+        @if !a.phases.is_empty() || !b.phases.is_empty() {
+            (timeline([("A", &a.phases, 0.0), ("B", &b.phases, shift_s)], t))
+        }
+    };
+    Section::new("How they were compared", body)
+}
+
+/// Fields with their traces in sight.
+fn open<'a>(
     report: &DiffReport,
     title: &str,
     fields: impl Iterator<Item = &'a FieldReport>,
-    open: bool,
-) {
-    let mut fields = fields.peekable();
-    if fields.peek().is_some() {
-        let _ = write!(out, "<h2>{title}</h2>");
-    }
-    for field in fields {
-        let _ = write!(
-            out,
-            "<details class=\"card\"{}><summary>{}<span class=\"soft\">{}</span></summary><div>{}{}</div></details>",
-            if open { " open" } else { "" },
-            heading(field),
-            escaped(&headline(field)),
-            facts(field),
-            charts(field, &report.a.phases)
-        );
-    }
+) -> Option<Section> {
+    let blocks: Vec<Markup> = fields
+        .map(|field| {
+            let content = html! { (facts(told(field))) (traces(field, &report.a.phases)) };
+            block(&format!("{}: {}", field.path(), headline(field)), "", content)
+        })
+        .collect();
+    let words = "The difference first, with what is tolerated shaded where that is one number; below it both recordings. Times are on the clock of A.";
+    (!blocks.is_empty()).then(|| Section::new(title, html! { @for block in blocks { (block) } }).told(words))
 }
 
-fn absent<'a>(out: &mut String, title: &str, fields: impl Iterator<Item = &'a FieldReport>) {
-    let mut fields = fields.peekable();
-    if fields.peek().is_none() {
-        return;
-    }
-    let _ = write!(
-        out,
-        "<h2>{title}</h2><section class=\"card scroll\"><table><tr><th>Field</th><th>Why</th><th>In A</th><th>In B</th></tr>"
-    );
-    for field in fields {
-        let why = field.reason.as_ref().map_or_else(String::new, ToString::to_string);
-        let _ = write!(
-            out,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            heading(field),
-            escaped(&why),
-            field.samples.a,
-            field.samples.b
-        );
-    }
-    out.push_str("</table></section>");
+/// Fields that open on a click.
+fn closed<'a>(
+    report: &DiffReport,
+    title: &str,
+    fields: impl Iterator<Item = &'a FieldReport>,
+) -> Option<Section> {
+    let folds: Vec<Markup> = fields
+        .map(|field| {
+            let content = html! { (facts(told(field))) (traces(field, &report.a.phases)) };
+            folded(field.path(), &headline(field), false, content)
+        })
+        .collect();
+    (!folds.is_empty()).then(|| Section::new(title, html! { @for fold in folds { (fold) } }))
 }
 
-fn heading(field: &FieldReport) -> String {
-    format!("<h3><span class=\"channel\">{}/</span>{}</h3>", escaped(&field.channel), escaped(&field.field))
+fn absent<'a>(title: &str, fields: impl Iterator<Item = &'a FieldReport>) -> Option<Section> {
+    let rows: Vec<Vec<Markup>> = fields
+        .map(|field| {
+            let why = field.reason.as_ref().map_or_else(String::new, ToString::to_string);
+            vec![cell(field.path()), cell(why), cell(field.samples.a), cell(field.samples.b)]
+        })
+        .collect();
+    let columns =
+        [Column::Words("field"), Column::Words("why"), Column::Number("in A"), Column::Number("in B")];
+    (!rows.is_empty()).then(|| Section::new(title, table(&columns, rows)))
 }
 
 /// The difference in a few words.
@@ -157,7 +133,7 @@ fn headline(field: &FieldReport) -> String {
     }
 }
 
-fn facts(field: &FieldReport) -> String {
+fn told(field: &FieldReport) -> Vec<(&'static str, String)> {
     let mut facts: Vec<(&str, String)> = Vec::new();
     let unit = field.unit.as_str();
     if let Some(difference) = field.difference.as_ref().filter(|_| field.verdict != Verdict::Same) {
@@ -203,29 +179,9 @@ fn facts(field: &FieldReport) -> String {
     if let Some(why) = field.excluded {
         facts.push(("not counted", why.name().to_owned()));
     }
-    let mut out = String::from("<dl class=\"facts\">");
-    for (name, value) in facts {
-        let _ = write!(out, "<div><dt>{name}</dt><dd>{}</dd></div>", escaped(&value));
-    }
-    out.push_str("</dl>");
-    out
-}
-
-const fn class(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Same => "same",
-        Verdict::WithinTolerance => "within-tolerance",
-        Verdict::Different => "different",
-        Verdict::Missing => "missing",
-        Verdict::NotComparable => "not-comparable",
-    }
+    facts
 }
 
 fn file_name(recording: &RecordingSummary) -> &str {
     recording.path.rsplit(['/', '\\']).next().unwrap_or(&recording.path)
-}
-
-fn capitalised(words: &str) -> String {
-    let mut characters = words.chars();
-    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
 }

@@ -10,7 +10,6 @@
 //! signs and no more.
 
 mod align;
-mod chart;
 mod clock;
 mod compare;
 mod derived;
@@ -19,6 +18,7 @@ mod html;
 mod keys;
 mod law;
 mod pair;
+mod plots;
 mod report;
 mod scan;
 mod series;
@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 pub use align::Align;
 pub use derived::{Derived, Repeats};
 pub use error::DiffError;
-pub use html::render_html;
+pub use html::{html_sections, html_verdict, render_html};
 pub use keys::tolerance_keys;
 pub use law::Interpolation;
 pub use report::{

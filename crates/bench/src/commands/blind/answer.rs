@@ -108,7 +108,7 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
         })?;
     } else {
         for (case, note) in &failed {
-            eprintln!("warning: {case} failed: {note}");
+            words::warn(format_args!("{case} failed: {note}"));
         }
         words::print(&format!(
             "{} answered in {} ({seconds:.0} s{})\n  sha256  {sha256}: publish it before the key is opened",

@@ -33,7 +33,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let kinect = match usb::open(&arguments.eyes.wanted()) {
         Ok(kinect) => kinect,
         Err(error) => {
-            eprintln!("error: {error}");
+            words::fail(format_args!("{error}"));
             return Ok(Exit::Stopped);
         }
     };
@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mut streaming = match kinect.stream(arguments.eyes.settings(), move || clock.now()) {
         Ok(streaming) => streaming,
         Err(error) => {
-            eprintln!("error: {error}");
+            words::fail(format_args!("{error}"));
             return Ok(Exit::Stopped);
         }
     };
@@ -84,14 +84,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         ))?;
     }
     if let Some(error) = failed {
-        eprintln!("error: {error}; what came before is recorded");
+        words::fail(format_args!("{error}; what came before is recorded"));
         return Ok(Exit::Stopped);
     }
     if statistics.overrun > 0 {
-        eprintln!(
-            "warning: {} not recorded, the disk was too slow",
+        words::warn(format_args!(
+            "{} not recorded, the disk was too slow",
             words::count(statistics.overrun, "image")
-        );
+        ));
         return Ok(Exit::DataLoss);
     }
     Ok(Exit::Done)

@@ -1,23 +1,33 @@
 //! Flight by flight: how well it is predicted, what was seen, and what pulls at it.
 
-use std::{collections::HashSet, fmt::Write as _, path::Path};
+use std::{collections::HashSet, path::Path};
 
 use bench_diagnosis::{Consistency, Diagnosis, FlightGap, Trace};
-use bench_page::{Frame, Point, digits, escaped, range, ticks, x_axis};
+use bench_page::{
+    Mark, Panel, Plot, Section, Series,
+    parts::{block, folded},
+    range,
+};
+use maud::{Markup, html};
 
-use super::{heading, told};
+use super::{FOUND, PULL, told};
 
 /// Most flights that are drawn: a page of more would be too large to open.
 const DRAWN: usize = 24;
 /// More flights than this are a table that opens on a click.
 const ROWS: usize = 30;
+/// Colours of what was seen and of the thrust.
+const SEEN: usize = 4;
+const THRUST: usize = 2;
 
-pub(super) fn section(out: &mut String, diagnosis: &Diagnosis) {
-    heading(out, "Flight by flight", "");
+pub(super) fn section(diagnosis: &Diagnosis) -> Section {
     let names: Vec<&str> = diagnosis.flights.iter().map(|flight| flight.name.as_str()).collect();
     let short = short_names(&names);
-    consistency(out, &diagnosis.gap.flights, &short);
-    traces(out, diagnosis, &short);
+    let body = html! {
+        (traces(diagnosis, &short))
+        (consistency(&diagnosis.gap.flights, &short))
+    };
+    Section::new("Flight by flight", body)
 }
 
 /// File names where they tell flights apart, else names in full.
@@ -28,24 +38,8 @@ fn short_names(names: &[&str]) -> impl Fn(&str) -> String + use<> {
     move |name| if apart { file(name) } else { name.to_owned() }
 }
 
-fn consistency(out: &mut String, flights: &[FlightGap], short: &impl Fn(&str) -> String) {
-    let mut table = String::from(
-        "<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">flight</th><th rowspan=\"2\" class=\"number\">sightings</th>\
-         <th class=\"of\" colspan=\"2\">misfit, nats</th><th class=\"of\" colspan=\"2\">error over expected</th>\
-         <th class=\"of\" colspan=\"2\">whiteness p</th><th class=\"of\" colspan=\"2\">correlation with thrust</th></tr><tr>",
-    );
-    for _ in 0..4 {
-        table.push_str("<th class=\"number\">rig</th><th class=\"number\">best</th>");
-    }
-    table.push_str("</tr></thead><tbody>");
-    for flight in flights {
-        let _ = write!(
-            table,
-            "<tr><td class=\"span\" title=\"{}\">{}</td><td class=\"number\">{}</td>",
-            escaped(&flight.name),
-            escaped(&short(&flight.name)),
-            flight.sightings
-        );
+fn consistency(flights: &[FlightGap], short: &impl Fn(&str) -> String) -> Markup {
+    let row = |flight: &FlightGap| {
         let [before, after]: [&Consistency; 2] = [&flight.nominal, &flight.with_effect];
         // Limits of one in a thousand, as many numbers are looked at.
         let n = flight.sightings.max(1) as f64;
@@ -61,31 +55,40 @@ fn consistency(out: &mut String, flights: &[FlightGap], short: &impl Fn(&str) ->
             (before.thrust_correlation, before.thrust_correlation.abs() > correlation_off),
             (after.thrust_correlation, after.thrust_correlation.abs() > correlation_off),
         ];
-        for (value, off) in columns {
-            let text = told::fixed(value, 2);
-            let _ = write!(table, "<td class=\"number{}\">{text}</td>", if off { " off" } else { "" });
+        html! {
+            tr {
+                td.nowrap title=(flight.name) { (short(&flight.name)) }
+                td.number { (flight.sightings) }
+                @for (value, off) in columns { td.number.off[off] { (told::fixed(value, 2)) @if off { " !" } } }
+            }
         }
-        table.push_str("</tr>");
-    }
-    table.push_str("</tbody></table></div>");
+    };
+    let table = html! {
+        div.scroll { table {
+            thead {
+                tr {
+                    th rowspan="2" { "flight" } th.number rowspan="2" { "sightings" }
+                    @for title in ["misfit, nats", "error over expected", "whiteness p", "correlation with thrust"] {
+                        th.number colspan="2" { (title) }
+                    }
+                }
+                tr { @for _ in 0..4 { th.number { "rig" } th.number { "best" } } }
+            }
+            tbody { @for flight in flights { (row(flight)) } }
+        } }
+    };
     let words = "How the rig as it is and the best hypothesis predict each flight. For a right model the mean squared error \
                  over the expected one is 1, errors are white (p is the chance that white ones look so correlated; Ljung and \
-                 Box) and do not follow the thrust. Red would come by chance once in a thousand.";
-    let _ = if flights.len() > ROWS {
-        write!(
-            out,
-            "<details class=\"card\"><summary>Consistency of {} flights</summary><p class=\"soft\">{words}</p>{table}</details>",
-            flights.len()
-        )
+                 Box) and do not follow the thrust. What is marked ! would come by chance once in a thousand.";
+    if flights.len() > ROWS {
+        let content = html! { p.soft { (words) } (table) };
+        folded(format!("Consistency of {} flights", flights.len()), "", false, content)
     } else {
-        write!(
-            out,
-            "<section class=\"card\"><h3>Consistency</h3><p class=\"soft\">{words}</p>{table}</section>"
-        )
-    };
+        block("Consistency", words, table)
+    }
 }
 
-fn traces(out: &mut String, diagnosis: &Diagnosis, short: &impl Fn(&str) -> String) {
+fn traces(diagnosis: &Diagnosis, short: &impl Fn(&str) -> String) -> Markup {
     let mut drawn: Vec<&Trace> = diagnosis.traces.iter().filter(|trace| !trace.time_s.is_empty()).collect();
     let total = drawn.len();
     if total > DRAWN {
@@ -101,64 +104,49 @@ fn traces(out: &mut String, diagnosis: &Diagnosis, short: &impl Fn(&str) -> Stri
     } else {
         String::new()
     };
-    let _ = write!(
-        out,
-        "<h3>What was seen, and what pulls at it</h3><p class=\"soft\">The disturbance is the acceleration that the re-fitted \
-         rig does not explain, smoothed over the whole flight, with 2 sigma. Scales are the same in all flights.{which}</p>\
-         <p class=\"keys\"><span class=\"seen\">altitude seen</span><span class=\"smoothed\">smoothed</span>\
-         <span class=\"thrust\">thrust commanded</span><span class=\"pull\">disturbance</span></p><div class=\"small\">"
+    let words = format!(
+        "The disturbance is the acceleration that the re-fitted rig does not explain, smoothed over the whole flight, with \
+         2 sigma. Altitude and disturbance have the same scales in all flights as the page opens.{which}"
     );
     let all = |of: fn(&Trace) -> &[f64]| drawn.iter().flat_map(move |trace| of(trace)).copied();
     let altitude = range(all(|t| &t.seen_m).chain(all(|t| &t.smoothed_m)));
     let thrust = range(all(|t| &t.thrust_to_weight));
     let sigmas = || all(|t| &t.disturbance_m_s2).zip(all(|t| &t.sigma_m_s2));
     let pull = range(sigmas().flat_map(|(a, sigma)| [a - 2.0 * sigma, a + 2.0 * sigma]).chain([0.0]));
-    for trace in &drawn {
-        let _ = write!(
-            out,
-            "<section class=\"card\"><h3 title=\"{}\">{}</h3>",
-            escaped(&trace.name),
-            escaped(&short(&trace.name))
-        );
-        flight(out, trace, altitude, thrust, pull);
-        out.push_str("</section>");
-    }
-    out.push_str("</div>");
+    let plots =
+        drawn.iter().map(|trace| block(&short(&trace.name), "", flight(trace, [altitude, thrust, pull])));
+    block(
+        "What was seen, and what pulls at it",
+        &words,
+        html! { div.grid.wide { @for plot in plots { (plot) } } },
+    )
 }
 
-fn flight(out: &mut String, trace: &Trace, altitude: [f64; 2], thrust: [f64; 2], pull: [f64; 2]) {
-    let t = &trace.time_s;
-    let x = [t[0], t[t.len() - 1]];
-    let line = |values: &[f64]| -> Vec<Point> {
-        t.iter().zip(values).map(|(t, value)| Some([*t, *value, *value])).collect()
-    };
-    out.push_str("<div class=\"chart\">");
-
-    let frame = Frame { x, y: altitude };
-    frame.open(out, "plot");
-    frame.grid(out);
-    frame.dots(out, t.iter().copied().zip(trace.seen_m.iter().copied()), "seen");
-    frame.line(out, &line(&trace.smoothed_m), "smoothed", false);
-    frame.close(out, "altitude, m");
-
-    let frame = Frame { x, y: thrust };
-    frame.open(out, "plot low");
-    frame.grid(out);
-    frame.line(out, &line(&trace.thrust_to_weight), "thrust", true);
-    frame.close(out, "thrust over weight, 1");
-
-    let frame = Frame { x, y: pull };
-    frame.open(out, "plot low");
-    frame.grid(out);
-    let band: Vec<Point> = t
+fn flight(trace: &Trace, [altitude, thrust, pull]: [[f64; 2]; 3]) -> Plot {
+    let line = |values: &[f64]| trace.time_s.iter().copied().zip(values.iter().copied()).collect::<Vec<_>>();
+    let band = trace
+        .time_s
         .iter()
         .zip(trace.disturbance_m_s2.iter().zip(&trace.sigma_m_s2))
-        .map(|(t, (a, sigma))| Some([*t, a - 2.0 * sigma, a + 2.0 * sigma]))
-        .collect();
-    frame.line(out, &band, "band", false);
-    frame.level(out, 0.0, "zero");
-    frame.line(out, &line(&trace.disturbance_m_s2), "pull", false);
-    frame.close(out, "disturbance, m/s\u{b2}");
-    x_axis(out, x, &ticks(x, 5.0), &format!("time from take-off, s (to {})", digits(x[1])));
-    out.push_str("</div>");
+        .map(|(t, (a, sigma))| [*t, a - 2.0 * sigma, a + 2.0 * sigma]);
+    Plot::new(format!("Traces of {}", trace.name), "time from take-off, s")
+        .panel(
+            Panel::new("altitude, m")
+                .with(Series::new("seen", Mark::Dots, SEEN, line(&trace.seen_m)))
+                .with(Series::new("smoothed", Mark::Line, FOUND, line(&trace.smoothed_m)))
+                .y(altitude),
+        )
+        .panel(
+            Panel::new("disturbance, m/s\u{b2}")
+                .with(Series::band("2 sigma", Mark::Band, PULL, band))
+                .with(Series::new("", Mark::Line, PULL, line(&trace.disturbance_m_s2)))
+                .level(0.0, "")
+                .y(pull),
+        )
+        .panel(
+            Panel::new("thrust over weight")
+                .with(Series::new("", Mark::Steps, THRUST, line(&trace.thrust_to_weight)))
+                .y(thrust)
+                .low(),
+        )
 }

@@ -1,0 +1,118 @@
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use bench_identification::Tolerance;
+use bench_page::Section;
+use bench_recording::diff::{DiffOptions, html_sections, html_verdict};
+use clap::Args;
+use maud::html;
+
+use super::{diagnose::diagnosed, diff::compared, verify::verified};
+use crate::{
+    arguments::Force,
+    diagnosis::page as diagnosis_page,
+    exit::Exit,
+    files::{self, Form, Outputs},
+    model_page,
+    recorded::NominalRig,
+    report::{Flown, Loaded, page},
+    words,
+};
+
+/// Write flights as one self-contained page: what they reached, traces, timing, events, rig and mission
+#[derive(Args)]
+#[command(after_help = "Examples:
+  bench report recordings/virtual_climb-040_seed0.mcap
+  bench report sim.mcap lab.mcap --diff -o both.html
+  bench report flight-*.mcap --diagnose -o gap.html
+  bench report hop-*.mcap --verify -o model.html
+
+The page needs nothing else and loads nothing: send it as it is. Criteria are those of the mission
+in each recording. --diff, --diagnose and --verify add what those commands say with their usual
+settings; --rig names the nominal model for the latter two. What a recording that was cut or
+damaged still holds is shown with a warning, and the exit code is 3. A flight that missed its
+criteria ends with 0: the page says so. docs/report.md tells what is in it.")]
+pub struct Arguments {
+    /// Recordings
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Page to write
+    #[arg(short, long, value_name = "FILE", default_value = "report.html")]
+    output: PathBuf,
+    /// Compare the two recordings, field by field
+    #[arg(long)]
+    diff: bool,
+    /// Say where the sim-to-real gap lies and what causes it
+    #[arg(long)]
+    diagnose: bool,
+    /// Hold the rig's model against the flights, which are open-loop ones
+    #[arg(long)]
+    verify: bool,
+    #[command(flatten)]
+    rig: NominalRig,
+    #[command(flatten)]
+    force: Force,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let recordings = &arguments.recordings;
+    if arguments.diff && recordings.len() != 2 {
+        bail!(
+            "--diff compares two recordings, and {} given; name two, or leave it out",
+            given(recordings.len())
+        );
+    }
+    if arguments.rig.rig.is_some() && !arguments.diagnose && !arguments.verify {
+        bail!(
+            "--rig is the model that flights are held against; add --diagnose or --verify, or leave it out"
+        );
+    }
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_path(), Form::Html)
+        .from(recordings.iter().map(PathBuf::as_path))
+        .check()?;
+    let mut flights = Vec::new();
+    let mut is_lossy = false;
+    for path in recordings {
+        let loaded = Loaded::read(path)?;
+        for warning in &loaded.warnings {
+            words::warn(format_args!("{warning}"));
+        }
+        is_lossy |= loaded.is_lossy;
+        flights.push(Flown::new(loaded));
+    }
+    files::write_and_say(&arguments.output, &page(&flights, further(arguments)?))?;
+    Ok(if is_lossy { Exit::DataLoss } else { Exit::Done })
+}
+
+fn given(count: usize) -> String {
+    if count == 1 { "1 is".to_owned() } else { format!("{count} are") }
+}
+
+/// What else was asked for.
+fn further(arguments: &Arguments) -> anyhow::Result<Vec<Section>> {
+    let recordings = &arguments.recordings;
+    let mut sections = Vec::new();
+    if let ([a, b], true) = (recordings.as_slice(), arguments.diff) {
+        let report = compared(a, b, DiffOptions::default()).context("--diff")?;
+        let title = format!("Difference: {} and {}", name(a), name(b));
+        let section = Section::new(title, html! {}).verdict(html_verdict(&report));
+        sections.push(section.parts(html_sections(&report)));
+    }
+    if arguments.diagnose {
+        let (report, rig) = diagnosed(recordings, &arguments.rig).context("--diagnose")?;
+        let section = Section::new("Diagnosis", html! {}).verdict(diagnosis_page::verdict(&report, &rig));
+        sections.push(section.parts(diagnosis_page::sections(&report, &rig)));
+    }
+    if arguments.verify {
+        let (found, rig) = verified(recordings, &arguments.rig, &Tolerance::default()).context("--verify")?;
+        let section = Section::new("Verification", html! {});
+        let section = section.verdict(model_page::verification_verdict(&found, &rig));
+        sections.push(section.parts(model_page::verification_sections(&found)));
+    }
+    Ok(sections)
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
