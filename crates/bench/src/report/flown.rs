@@ -204,9 +204,11 @@ impl Flown {
     }
 
     fn settings(&self) -> Section {
-        let of = |what: &str, text: Option<&str>, forms: &[Form]| match text {
-            Some(text) => settings::folded_file(what, Path::new(what), text, forms),
-            None => html! { p.soft { "No " (what) " is attached to this recording." } },
+        let of = |what: &str, text: Option<&str>, forms: &[Form]| {
+            let Some(text) = text else {
+                return html! { p.soft { "No " (what) " is attached to this recording." } };
+            };
+            settings::folded_file(what, Path::new(what), text, forms)
         };
         let body = html! {
             (of("rig", self.flight.rig_toml(), &Rig::keys()))

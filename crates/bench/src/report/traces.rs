@@ -49,7 +49,7 @@ fn ends(flight: &Flight) -> Option<[f64; 2]> {
 
 /// A value of each record of a series, over time; absent ones are gaps.
 fn series<T>(items: &[T], of: impl Fn(&T) -> (f64, Option<f64>)) -> Vec<(f64, f64)> {
-    items.iter().map(|item| of(item)).map(|(t, value)| (t, value.unwrap_or(f64::NAN))).collect()
+    items.iter().map(of).map(|(t, value)| (t, value.unwrap_or(f64::NAN))).collect()
 }
 
 /// All traces of a flight.
