@@ -2,6 +2,7 @@
 
 mod blind;
 mod check;
+mod colours;
 mod compare;
 mod diagnose;
 mod examples;

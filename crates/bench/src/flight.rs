@@ -74,7 +74,7 @@ impl Flight<'_> {
         match &self.flown.ending {
             Ending::Complete => {}
             Ending::Stopped(reason) => {
-                _ = writeln!(out, "  {}: {reason}", words::toned(Tone::Bad, "stopped"))
+                _ = writeln!(out, "  {}: {reason}", words::toned(Tone::Bad, "stopped"));
             }
             Ending::Fault(error) => _ = writeln!(out, "  {}: {error}", words::toned(Tone::Bad, "fault")),
             Ending::Panicked(words) => {

@@ -105,7 +105,7 @@ fn cause(row: &ByLabel) -> Vec<Markup> {
         cell(format!("{:.1}", row.detectability)),
         cell(format!("{} of {}", row.seen.count, row.seen.of)),
         cell(format!("{} of {}", row.named.count, row.named.of)),
-        html! { i.share style=(share) {} },
+        html! { span.shares { i.share style=(share) {} } },
     ]
 }
 

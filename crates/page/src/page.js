@@ -61,7 +61,10 @@
     });
     for (const panel of data.panels) {
       const of = 10 ** panel.places;
-      const values = (list) => list.map((value) => (value === null ? null : value / of));
+      const values = (list) => {
+        let at = 0;
+        return list.map((step) => (step === null ? null : (at += step) / of));
+      };
       for (const series of panel.series) {
         series.columns = [places[series.x], values(series.y)];
         if (series.low) series.columns.push(values(series.low));
@@ -226,9 +229,9 @@
       }
       for (const [at, ink] of crosses) {
         if (!plot.series[at].show) continue;
-        const size = 3 * px;
+        const size = 4 * px;
         ctx.strokeStyle = colour(ink);
-        ctx.lineWidth = 1.3 * px;
+        ctx.lineWidth = 1.6 * px;
         ctx.setLineDash([]);
         ctx.beginPath();
         plot.data[at].forEach((y, place) => {
@@ -304,7 +307,7 @@
         ...size(),
         series,
         bands,
-        padding: [6, 8, last ? 0 : 2, 0],
+        padding: [6, 14, last ? 0 : 2, 0],
         legend: { show: false },
         scales: { x: { time: false, min, max, range: (_, low, high) => [low, high], ...(data.log ? { distr: 3 } : {}) }, y: { range: y } },
         axes: [

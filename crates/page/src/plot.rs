@@ -350,7 +350,7 @@ impl Plot {
             .map(|panel| {
                 let values = panel.series.iter().flat_map(Series::values);
                 let ends = panel.y.unwrap_or_else(|| range_without_spikes(values, &[]));
-                let places = places(ends, Y_STEPS);
+                let places = places(ends, if panel.low { Y_STEPS / 4.0 } else { Y_STEPS });
                 let series = panel.series.iter().map(|series| SeriesData {
                     name: &series.name,
                     mark: series.mark,
@@ -402,10 +402,20 @@ fn rounded(x: f64, places: i32) -> f64 {
     if rounded.is_finite() { rounded } else { x }
 }
 
-/// Values as whole numbers of the last place; a gap for what is not finite.
+/// Values as whole numbers of the last place, each by its distance from the one before, which is short; a gap for what is not
+/// finite.
 fn quantised(values: &[f64], places: i32) -> Vec<Option<i64>> {
     let scale = 10_f64.powi(places);
-    values.iter().map(|x| x.is_finite().then(|| (x * scale).round() as i64)).collect()
+    let mut last = 0;
+    values
+        .iter()
+        .map(|x| {
+            x.is_finite().then(|| {
+                let value = (x * scale).round() as i64;
+                value.saturating_sub(std::mem::replace(&mut last, value))
+            })
+        })
+        .collect()
 }
 
 /// Places of x, each list of them told once, each place by its distance from the one before.
@@ -552,7 +562,7 @@ mod tests {
         assert_eq!(told["tables"].as_array().unwrap().len(), 1, "equal places are told once");
         let places = told["panels"][0]["places"].as_i64().unwrap();
         assert_eq!(places, 5);
-        assert_eq!(told["panels"][0]["series"][0]["y"], serde_json::json!([25_000, null, -12_346]));
+        assert_eq!(told["panels"][0]["series"][0]["y"], serde_json::json!([25_000, null, -12_346 - 25_000]));
         assert_eq!(told["panels"][0]["series"][1]["colour"], 1);
     }
 

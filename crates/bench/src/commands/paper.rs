@@ -16,7 +16,7 @@ use bench_identification::{
 };
 use bench_page::{
     Mark, Page, Panel, Plot, Section, Series, Tone, Verdict,
-    parts::{Column, block, cell, passed, table},
+    parts::{Column, block, cell, code, passed, table},
 };
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Options, Record, Recorder};
@@ -294,7 +294,7 @@ fn of_figure(name: &str, figure: &Plot, words: &str, statements: &[Statement]) -
             vec![
                 html! { (one.stated) " " span.soft { "(section " (one.section) ")" } },
                 cell(&one.made),
-                cell(one.rule),
+                code(one.rule),
                 passed(one.passed),
             ]
         })

@@ -175,7 +175,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     files::write(output, &written)?;
     if let Some(file) = &arguments.page.html {
-        let command = format!("bench tune {how}");
+        let command = words::command();
         files::write_and_say(file, &page(&tuning, &Made { rig: &rig.name, command: &command }))?;
     }
     if arguments.json.json {

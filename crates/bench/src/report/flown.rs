@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use bench_page::{
     Section, Tone, Verdict,
-    parts::{Column, Tile, badge, cell, facts, passed, table, tiles, warnings},
+    parts::{Column, Tile, badge, cell, facts, folded, passed, table, tiles, warnings},
 };
 use bench_recording::{Event, Flight, Info, Level};
 use bench_rig::{Mission, Rig, keys::Form};
@@ -113,7 +113,7 @@ impl Flown {
         let info = &self.info;
         let airframe = self.rig.as_ref().map(|rig| rig.airframe.name.clone()).unwrap_or_default();
         let added = info.extra.get(ADDED_EFFECTS).cloned().unwrap_or_default();
-        let extra = info.extra.iter().filter(|(key, _)| *key != ADDED_EFFECTS);
+        let extra = info.extra.iter().filter(|(key, value)| *key != ADDED_EFFECTS && is_short(value));
         let extra: Vec<String> = extra.map(|(key, value)| format!("{key} {value}")).collect();
         vec![
             ("recording", self.path.display().to_string()),
@@ -204,17 +204,27 @@ impl Flown {
     }
 
     fn settings(&self) -> Section {
-        let of = |what: &str, text: Option<&str>, forms: &[Form]| match text {
-            Some(text) => settings::folded_file(what, Path::new(what), text, forms),
-            None => html! { p.soft { "No " (what) " is attached to this recording." } },
+        let of = |what: &str, text: Option<&str>, forms: &[Form]| {
+            let Some(text) = text else {
+                return html! { p.soft { "No " (what) " is attached to this recording." } };
+            };
+            settings::folded_file(what, Path::new(what), text, forms)
         };
         let body = html! {
             (of("rig", self.flight.rig_toml(), &Rig::keys()))
             (of("mission", self.flight.mission_toml(), &Mission::keys()))
             (settings::channels(&self.info))
+            @for (key, text) in self.info.extra.iter().filter(|(_, text)| !is_short(text)) {
+                (folded(key, "", false, html! { pre { (text) } }))
+            }
         };
         Section::new("Rig, mission and channels", body)
     }
+}
+
+/// Whether a text of the session can stand in a line among others.
+fn is_short(text: &str) -> bool {
+    text.len() <= 120 && !text.contains('\n')
 }
 
 /// Most events that stand in the open.
@@ -244,7 +254,7 @@ fn events(flight: &Flight) -> Section {
             all.iter().filter(|event| event.level > Level::Info).take(EVENTS).collect();
         html! {
             (table(&columns, notable.into_iter().map(row)))
-            (bench_page::parts::folded(words::count(all.len() as u64, "event"), "all of them", false, table(&columns, all.iter().map(row))))
+            (folded(words::count(all.len() as u64, "event"), "all of them", false, table(&columns, all.iter().map(row))))
         }
     };
     Section::new("Events", html! { div.tight { (body) } })

@@ -120,7 +120,7 @@ mod tests {
             [(crate::library::Kind::Rig, Rig::keys()), (crate::library::Kind::Mission, Mission::keys())]
         {
             for name in kind.names() {
-                let path = kind.find(name).unwrap();
+                let path = kind.find(&name).unwrap();
                 let text = match kind {
                     crate::library::Kind::Rig => crate::files::rig(&path).unwrap().to_toml(),
                     _ => crate::library::read(&path).unwrap(),

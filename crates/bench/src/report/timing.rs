@@ -101,5 +101,9 @@ fn plot(flight: &Flight, rig: Option<&Rig>, group: &str) -> Plot {
     }
     traces::over_time("Timing", flight, group)
         .panel(if is_timed { iterations.low() } else { Panel::new("") })
-        .panel(Panel::new("position's delay, ms").with(Series::new("", Mark::Line, TRACKER, latency)).low())
+        .panel(
+            Panel::new("position's delay, ms")
+                .with(Series::new("", Mark::Line, TRACKER, traces::moving(latency.collect())))
+                .low(),
+        )
 }

@@ -49,7 +49,7 @@ fn ends(flight: &Flight) -> Option<[f64; 2]> {
 
 /// A value of each record of a series, over time; absent ones are gaps.
 fn series<T>(items: &[T], of: impl Fn(&T) -> (f64, Option<f64>)) -> Vec<(f64, f64)> {
-    items.iter().map(|item| of(item)).map(|(t, value)| (t, value.unwrap_or(f64::NAN))).collect()
+    items.iter().map(of).map(|(t, value)| (t, value.unwrap_or(f64::NAN))).collect()
 }
 
 /// All traces of a flight.
@@ -163,6 +163,11 @@ fn finite(values: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     if values.iter().any(|(_, value)| value.is_finite()) { values } else { Vec::new() }
 }
 
+/// A series that is zero throughout tells nothing.
+pub fn moving(values: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    if values.iter().any(|(_, value)| value.is_finite() && *value != 0.0) { values } else { Vec::new() }
+}
+
 fn has_values(panel: Panel) -> Panel {
     if panel.has_values() { panel } else { Panel::new("") }
 }
@@ -199,7 +204,7 @@ fn outputs(flight: &Flight, unit: &str, group: &str) -> Plot {
     let mut off = Panel::new(titled("measured \u{2212} asked for"));
     for (stick, name) in names.into_iter().enumerate() {
         if stick > 0 {
-            others = others.with(Series::new(name, Mark::Steps, stick, of(stick)));
+            others = others.with(Series::new(name, Mark::Steps, stick, moving(of(stick))));
         }
         off = off.with(Series::new(name, Mark::Line, stick, finite(read(stick))));
     }

@@ -67,7 +67,7 @@ pub(super) fn confusion(score: &Score) -> Markup {
                         th { (table.labels[row]) }
                         @for (column, count) in table.counts[row].iter().enumerate() {
                             @let tip = format!("{}: {count} of {total} answered {}", table.labels[row], table.labels[column]);
-                            @let part = format!("--part:{:.0}%", 20.0 + 70.0 * *count as f64 / total as f64);
+                            @let part = format!("--part:{:.0}%", 15.0 + 40.0 * *count as f64 / total as f64);
                             @if *count == 0 { td {} }
                             @else { td.hit[row == column].miss[row != column] title=(tip) style=(part) { (count) } }
                         }

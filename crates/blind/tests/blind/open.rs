@@ -16,8 +16,9 @@ fn right_answers_score_full_marks_and_the_page_needs_nothing_else() {
     assert_eq!(score.ece.value, Some(0.0));
     assert_eq!(score.unknown.auroc.value, Some(1.0));
     assert_eq!(score.false_alarms.count, 0);
-    let html = page(&score);
-    assert!(html.contains("<svg") && !html.contains("http://") && !html.contains("https://"));
+    let html = page(&score, "bench blind open <cases>");
+    assert!(html.contains("15 of 15 sealed cases named rightly") && html.contains("default-src 'none'"));
+    assert!(html.contains("bench blind open &lt;cases&gt;") && html.matches("data-plot").count() >= 2);
 }
 
 #[test]
@@ -37,7 +38,7 @@ fn a_missing_and_a_failed_case_count_as_wrong_and_are_told() {
     assert!(score.unknown.auroc.value < Some(1.0));
     let words = score.in_words();
     assert!(words.contains(&of(Family::None)) && words.contains("without an answer"), "{words}");
-    assert!(page(&score).contains("without an answer"));
+    assert!(page(&score, "").contains("without an answer"));
 }
 
 #[test]

@@ -75,20 +75,36 @@ fn alignment(report: &DiffReport) -> Section {
     Section::new("How they were compared", body)
 }
 
-/// Fields with their traces in sight.
+/// So many fields that differ stand in sight, the worst; more of them open on a click.
+const IN_SIGHT: usize = 12;
+
+/// Fields that differ, the worst with their traces in sight.
 fn open<'a>(
     report: &DiffReport,
     title: &str,
     fields: impl Iterator<Item = &'a FieldReport>,
 ) -> Option<Section> {
-    let blocks: Vec<Markup> = fields
-        .map(|field| {
-            let content = html! { (facts(told(field))) (traces(field, &report.a.phases)) };
-            block(&format!("{}: {}", field.path(), headline(field)), "", content)
-        })
-        .collect();
-    let words = "The difference first, with what is tolerated shaded where that is one number; below it both recordings. Times are on the clock of A.";
-    (!blocks.is_empty()).then(|| Section::new(title, html! { @for block in blocks { (block) } }).told(words))
+    let fields: Vec<&FieldReport> = fields.collect();
+    let (in_sight, others) = fields.split_at(fields.len().min(IN_SIGHT));
+    let body = html! {
+        @for field in in_sight {
+            (block(&format!("{}: {}", field.path(), headline(field)), "", detail(report, field, true)))
+        }
+        @if !others.is_empty() {
+            div.block { @for field in others { (closed_field(report, field)) } }
+        }
+    };
+    let words = "The difference first, with what is tolerated shaded where that is one number; below it the recordings. Times are on the clock of A.";
+    (!fields.is_empty()).then(|| Section::new(title, body).told(words))
+}
+
+/// Facts and traces. Where a field is not in sight, the difference to A tells what B is.
+fn detail(report: &DiffReport, field: &FieldReport, with_b: bool) -> Markup {
+    html! { (facts(told(field))) (traces(field, &report.a.phases, with_b)) }
+}
+
+fn closed_field(report: &DiffReport, field: &FieldReport) -> Markup {
+    folded(field.path(), &headline(field), false, detail(report, field, false))
 }
 
 /// Fields that open on a click.
@@ -97,12 +113,7 @@ fn closed<'a>(
     title: &str,
     fields: impl Iterator<Item = &'a FieldReport>,
 ) -> Option<Section> {
-    let folds: Vec<Markup> = fields
-        .map(|field| {
-            let content = html! { (facts(told(field))) (traces(field, &report.a.phases)) };
-            folded(field.path(), &headline(field), false, content)
-        })
-        .collect();
+    let folds: Vec<Markup> = fields.map(|field| closed_field(report, field)).collect();
     (!folds.is_empty()).then(|| Section::new(title, html! { @for fold in folds { (fold) } }))
 }
 

@@ -16,8 +16,9 @@ const DIFFERENCE: usize = 3;
 /// A tolerance wider than so many times the largest difference would flatten it, and is not shown whole.
 const BAND_TIMES: f64 = 5.0;
 
-/// The traces of a field with A's phases: their difference with its tolerance, and the values; of equal ones, the values alone.
-pub(super) fn traces(field: &FieldReport, phases: &[PhaseSpan]) -> Plot {
+/// The traces of a field with A's phases: their difference with its tolerance, and the values of A, and of B where wanted; of
+/// equal ones, the values alone.
+pub(super) fn traces(field: &FieldReport, phases: &[PhaseSpan], with_b: bool) -> Plot {
     let plot = Plot::new(capitalised(&field.path()), "time, s").group(GROUP);
     let Some(trace) = &field.trace else { return plot };
     let plot = plot.x([trace.from_s, trace.until_s]).spans(phases.iter().map(span));
@@ -30,8 +31,7 @@ pub(super) fn traces(field: &FieldReport, phases: &[PhaseSpan]) -> Plot {
         Series::new(name, mark, colour, points(line, trace))
     };
     let mut values = Panel::new(titled("value", &field.unit)).with(of("A", mark, A, &trace.a));
-    // Where nothing is beyond the tolerance, two lines are one: the difference tells what there is to tell.
-    if !field.verdict.passes() {
+    if with_b {
         values = values.with(of("B", mark, B, &trace.b));
     }
     let values = values.y_without_spikes(&[]);

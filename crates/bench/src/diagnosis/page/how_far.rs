@@ -84,7 +84,7 @@ fn misfit(diagnosis: &Diagnosis, levels: &[Level<'_>]) -> Markup {
                      would reach against this noise."
             .to_owned();
     if let Some(closure) = told::closure(diagnosis) {
-        words += &format!(" {}.", capitalised(&closure));
+        words = format!("{words} {}.", capitalised(&closure));
     }
     let axis = "misfit: negative log-likelihood of a sighting, nats";
     block("Misfit of every sighting", &words, rows.finish(axis))
