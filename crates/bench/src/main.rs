@@ -13,12 +13,14 @@ mod eyes;
 mod files;
 mod flight;
 mod library;
+mod live;
 mod model_page;
 mod progress;
 mod recorded;
 mod repeats;
 mod schema;
 mod seen;
+mod signals;
 mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
