@@ -157,8 +157,8 @@ function show() {
   for (const id of ["altitude", "altitude-slide"]) at(id).disabled = !settable;
   for (const id of ["time", "time-slide"]) at(id).disabled = !(mine && waiting);
   at("altitude-why").textContent = waiting && about.altitude_fixed ? `${about.altitude_fixed}.` : "";
-  if (!settable && state.altitude_m !== null) for (const id of ["altitude", "altitude-slide"]) at(id).value = state.altitude_m;
-  if (!waiting && state.flight_time_s !== null) for (const id of ["time", "time-slide"]) at(id).value = state.flight_time_s;
+  if (!settable && state.altitude_m != null) for (const id of ["altitude", "altitude-slide"]) at(id).value = state.altitude_m;
+  if (!waiting && state.flight_time_s != null) for (const id of ["time", "time-slide"]) at(id).value = state.flight_time_s;
   at("outcome").hidden = !over || !state.headline;
   if (over) {
     at("outcome").style.setProperty("--tone", `var(--${state.passed ? "good" : "bad"})`);
