@@ -44,6 +44,8 @@ const HISTORY: usize = 6_000_000;
 const AT_A_TIME: usize = 20_000;
 /// How long browsers may take to hear that the bench ends.
 const GOODBYE: Duration = Duration::from_secs(2);
+/// Bytes on their way to a browser, about one set of views.
+const SEND_BUFFER: usize = 256 * 1024;
 /// Browsers at once.
 const BROWSERS: usize = 16;
 
@@ -172,6 +174,8 @@ impl Live {
         let refused = |source| ViewError::Listen { address: listen, source };
         let listener = TcpListener::bind(listen).map_err(refused)?;
         listener.set_nonblocking(true).map_err(refused)?;
+        // Connections inherit it. The system would let megabytes wait for a browser that is slow, which would see old views.
+        socket2::SockRef::from(&listener).set_send_buffer_size(SEND_BUFFER).map_err(refused)?;
         let address = listener.local_addr().map_err(refused)?;
         let (commands, controls) = controls::channel();
         let telemetry = Telemetry::new(&about.rig);

@@ -142,13 +142,16 @@ async fn tell(
         tokio::select! {
             biased;
             Ok(()) = state.changed() => {
-                let text = state.borrow_and_update().clone();
-                send(&mut sink, Message::Text(text)).await?;
-                if shared.closed() {
+                let closed = shared.closed();
+                if closed {
                     // What came before the end is told before it.
                     while let Ok(batch) = batches.try_recv() {
                         send(&mut sink, Message::Text(batch)).await?;
                     }
+                }
+                let text = state.borrow_and_update().clone();
+                send(&mut sink, Message::Text(text)).await?;
+                if closed {
                     let reason = Utf8Bytes::from_static("the bench has ended");
                     send(&mut sink, Message::Close(Some(CloseFrame { code: ENDED, reason }))).await?;
                     return Some(());

@@ -162,6 +162,7 @@ function show() {
   at("outcome").hidden = !over || !state.headline;
   if (over) {
     at("outcome").style.setProperty("--tone", `var(--${state.passed ? "good" : "bad"})`);
+    at("answer").textContent = "";
     at("headline").textContent = state.headline;
     at("words").textContent = state.words;
   }
@@ -213,7 +214,7 @@ function warn() {
 function figures() {
   const { table } = traces;
   const kind = "estimated";
-  const number = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits));
+  const number = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1"));
   at("now-z").textContent = number(table.last(`${kind}.z`), 2);
   const phase = table.last("phase");
   const held = PHASES[phase] === "hold" || PHASES[phase] === "land";
@@ -223,19 +224,21 @@ function figures() {
   at("now-over").classList.toggle("bad", live.totals.overruns > 0);
   const chips = [...at("phases").children];
   const name = phase === null ? null : PHASES[phase];
-  // A mission may hold more than once: the chip is found by the time that its phases take.
+  const stage = live.state.stage;
+  const over = (stage === "landed" || stage === "closed") && name !== "abort";
   let here = -1;
-  if (name !== null && live.state.stage !== "waiting") {
-    const from = live.chip ?? 0;
-    here = chips.findIndex((chip, i) => i >= from && chip.textContent === name);
-    if (here < 0) here = chips.findIndex((chip) => chip.textContent === name);
-    live.chip = here < 0 ? live.chip : here;
+  if (name !== null && stage !== "waiting" && !over) {
+    // A mission may hold more than once: the next chip of that name is meant, or the one before that was it already.
+    here = chips.findIndex((chip, i) => i >= (live.chip ?? 0) && chip.textContent === name);
+    // Behind the last phase the sticks rest until the last positions are in.
+    if (here < 0) here = chips.length - 1;
+    live.chip = here;
   }
   if (name === "abort" && !chips.some((chip) => chip.textContent === "abort")) {
     at("phases").append(Object.assign(document.createElement("li"), { textContent: "abort" }));
   }
   chips.forEach((chip, i) => {
-    chip.className = `${i === here ? "here" : i < (live.chip ?? -1) ? "past" : ""} ${name === "abort" && i === here ? "abort" : ""}`;
+    chip.className = i === here ? (name === "abort" ? "here abort" : "here") : over || i < here ? "past" : "";
   });
   at("views-age").textContent = live.viewTime ? `frame of ${live.viewTime.toFixed(2)} s` : "";
 }

@@ -86,9 +86,9 @@ class Space {
     const where = (name, at) => ["x", "y", "z"].map((axis) => table.last(`${name}.${axis}`, at));
     // What is flown fills the view; the limits are shown as far as they reach into it.
     const top = Math.min(about.ceiling_m, Math.max(0.8, 1.15 * (this.highest(table, kind) ?? 0)));
-    this.middle = 0.42 * top;
+    this.middle = 0.45 * top;
     const radius = Math.min(about.radius_m, Math.max(0.6, top * 0.75));
-    Object.assign(this, { width, height, away: 3.2 * Math.max(top, radius), scale: Math.min(width / (2.6 * radius), height / (1.25 * top + 0.5 * radius)) });
+    Object.assign(this, { width, height, away: 3.2 * Math.max(top, radius), scale: Math.min(width / (3 * radius), height / (1.35 * top + 0.9 * radius)) });
     const [grid, line, soft] = [css("--grid"), css("--line"), css("--soft")];
     for (let at = -1; at <= 1.001; at += 0.25) {
       const edge = radius;
@@ -100,7 +100,7 @@ class Space {
       this.path([[0, 0, 0], axis], soft, 1.5);
       this.text(axis.map((value) => value * 1.12), name, soft);
     }
-    const mast = [-radius, -radius];
+    const mast = [radius, -radius];
     this.path([[...mast, 0], [...mast, top]], line);
     for (let z = 0; z <= top + 1e-6; z += top > 1.2 ? 0.5 : 0.2) {
       this.path([[mast[0], mast[1], z], [mast[0] + 0.05, mast[1], z]], soft);

@@ -95,7 +95,7 @@ class Trace {
       dash,
       spanGaps: true,
       paths: points ? () => null : steps ? uPlot.paths.stepped({ align: 1 }) : uPlot.paths.linear(),
-      points: { show: points ? true : false, size: 4, fill: () => css(colour), width: 0 },
+      points: { show: Boolean(points), size: 4, fill: () => css(colour), width: 0 },
     });
     const least = this.options.least ?? 0.1;
     return {
@@ -143,7 +143,7 @@ class Trace {
       .filter(([, how]) => how.name !== null)
       .map(([name, how]) => {
         const value = this.table.last(name, at);
-        return value === null ? null : `${how.name ? how.name + " " : ""}${value.toFixed(this.digits)}`;
+        return value === null ? null : `${how.name ? how.name + " " : ""}${value.toFixed(this.digits).replace(/^-(0\.?0*)$/, "$1")}`;
       });
     this.now.textContent = words.filter((word) => word !== null).join(" · ");
   }
@@ -162,7 +162,7 @@ class Traces {
     const axis = (letter, velocity) => {
       const name = (kind) => `${kind}.${velocity ? "v" : ""}${letter}`;
       const series = [of(name("measured"), MEASURED, { name: null }), of(name("estimated"), ESTIMATED)];
-      if (truth) series.unshift(of(name("truth"), TRUTH, { name: null }));
+      if (truth) series.splice(1, 0, of(name("truth"), TRUTH, { name: null }));
       if (!velocity || letter === "z") series.push(of(name("wanted"), WANTED, { name: "set" }));
       return series;
     };
@@ -180,7 +180,7 @@ class Traces {
     for (const name of ["throttle", "pitch", "roll", "yaw"]) {
       add(`Output ${name}`, unit, digits, stick(name), { least: span });
     }
-    if (about.mode === "hil" || about.real_time) {
+    if (about.mode === "hil") {
       add("Lateness", "ms", 3, [of("lateness", { colour: "--estimated" })], { least: 0.05, zero: true });
       add("Iteration took", "ms", 3, [of("took", { colour: "--measured" })], { least: 0.1, zero: true });
     }
