@@ -196,10 +196,10 @@ impl Chromium {
         match event["method"].as_str() {
             Some("Runtime.exceptionThrown") => tab.errors.push(told["exceptionDetails"].to_string()),
             Some("Runtime.consoleAPICalled") if told["type"] == "error" => {
-                tab.errors.push(told["args"].to_string())
+                tab.errors.push(told["args"].to_string());
             }
             Some("Log.entryAdded") if told["entry"]["level"] == "error" => {
-                tab.errors.push(told["entry"].to_string())
+                tab.errors.push(told["entry"].to_string());
             }
             Some("Network.requestWillBeSent") => tab.requests.push(text(&told["request"]["url"])),
             Some("Network.webSocketCreated") => tab.requests.push(text(&told["url"])),

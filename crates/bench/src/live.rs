@@ -117,7 +117,7 @@ impl Page {
 
 /// What the page asks of the flight, as the loop takes it.
 pub fn directive(controls: Option<&mut Controls>) -> Directive {
-    match controls.and_then(Controls::next) {
+    match controls.and_then(Controls::next_ask) {
         None => Directive::GoOn,
         Some(Ask::Stop) => Directive::Stop(StopReason::Pressed),
         Some(Ask::Altitude(altitude_m)) => Directive::FlyAt(altitude_m),

@@ -174,16 +174,15 @@ impl Controller {
         if !(low_m..=high_m).contains(&altitude_m) {
             return Err(AltitudeRefused::Outside { low_m, high_m });
         }
-        let ahead = self.plans.iter().enumerate().skip(self.current).filter(|_| !self.aborted);
+        let mut ahead = self.plans.iter().enumerate().skip(self.current).filter(|_| !self.aborted);
         let planned_m = ahead
-            .filter_map(|(index, plan)| match &plan.action {
+            .find_map(|(index, plan)| match &plan.action {
                 PhaseAction::Hold { altitude_m, .. } if index == self.current => {
                     Some(altitude_m.at(now.since_s(self.phase_began)))
                 }
                 PhaseAction::Hold { altitude_m, .. } => Some(altitude_m.at(0.0)),
                 _ => None,
             })
-            .next()
             .ok_or(AltitudeRefused::NoHold)?;
         self.shift_m = Some(altitude_m - planned_m);
         Ok(())

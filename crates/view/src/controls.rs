@@ -26,7 +26,7 @@ pub struct Controls {
 
 impl Controls {
     /// What is asked for next; STOP comes before all else, and stays.
-    pub fn next(&mut self) -> Option<Ask> {
+    pub fn next_ask(&mut self) -> Option<Ask> {
         if self.stopped() { Some(Ask::Stop) } else { self.altitudes.pop().ok().map(Ask::Altitude) }
     }
 

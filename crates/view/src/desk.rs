@@ -24,7 +24,7 @@ pub struct Start {
 /// What the desk tells the command that it belongs to.
 #[derive(Debug)]
 pub(crate) enum Pressed {
-    Start(Start),
+    Start(Box<Start>),
     End,
 }
 
@@ -177,7 +177,7 @@ impl Desk {
         let start = self.changed(altitude_m, flight_time_s).map_err(|error| error.to_string())?;
         self.altitude_m = start.mission.altitude_m().ok();
         self.flight_time_s = self.flight_time_s.map(|_| start.mission.flight_time_s());
-        let answer = self.press(Pressed::Start(start), "START");
+        let answer = self.press(Pressed::Start(Box::new(start)), "START");
         if answer.is_ok() {
             self.stage = Stage::Starting;
         }
@@ -342,13 +342,17 @@ mod tests {
         for outside_m in [0.0, 1.7, -1.0, f64::NAN, f64::INFINITY] {
             assert!(desk.command(first, &altitude(outside_m)).is_err(), "{outside_m}");
         }
-        assert_eq!(controls.next(), None);
+        assert_eq!(controls.next_ask(), None);
         desk.command(first, &altitude(0.6)).unwrap();
-        assert_eq!(controls.next(), Some(Ask::Altitude(0.6)));
+        assert_eq!(controls.next_ask(), Some(Ask::Altitude(0.6)));
         let taken = (0..20).filter(|_| desk.command(first, &altitude(0.5)).is_ok()).count();
         assert_eq!(taken, 16, "the queue is bounded");
         desk.command(second, &Command::Stop).unwrap();
-        assert_eq!([controls.next(), controls.next()], [Some(Ask::Stop); 2], "STOP comes first, and stays");
+        assert_eq!(
+            [controls.next_ask(), controls.next_ask()],
+            [Some(Ask::Stop); 2],
+            "STOP comes first, and stays"
+        );
         desk.set_stage(Stage::Landed(Outcome::default()));
         assert!(desk.command(second, &Command::End).is_err());
         assert!(desk.command(first, &Command::End).is_ok());

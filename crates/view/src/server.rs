@@ -18,7 +18,7 @@ use axum::{
     http::{HeaderMap, HeaderValue, Response, StatusCode, header},
     middleware::{self, Next},
     response::IntoResponse,
-    routing::{any, get},
+    routing::{MethodRouter, any, get},
 };
 use bench_recording::Record;
 use bench_rig::Calibration;
@@ -238,7 +238,7 @@ impl Live {
     /// Waits for START; `None` when the operator ended the bench instead.
     pub async fn started(&mut self) -> Option<Start> {
         match self.pressed.recv().await {
-            Some(Pressed::Start(start)) => Some(start),
+            Some(Pressed::Start(start)) => Some(*start),
             Some(Pressed::End) | None => None,
         }
     }
@@ -309,14 +309,14 @@ impl Hub {
 async fn serve(listener: TcpListener, shared: Arc<Shared>, hub: Hub) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
     let app = Router::new()
-        .route("/", get(|| asset("text/html; charset=utf-8", include_str!("page/index.html"))))
-        .route("/live.css", get(|| asset("text/css; charset=utf-8", STYLE)))
-        .route("/live.js", get(|| asset(SCRIPT, include_str!("page/live.js"))))
-        .route("/traces.js", get(|| asset(SCRIPT, include_str!("page/traces.js"))))
-        .route("/space.js", get(|| asset(SCRIPT, include_str!("page/space.js"))))
-        .route("/uplot.js", get(|| asset(SCRIPT, bench_page::UPLOT_JS)))
-        .route("/uplot.css", get(|| asset("text/css; charset=utf-8", bench_page::UPLOT_CSS)))
-        .route("/page.css", get(|| asset("text/css; charset=utf-8", bench_page::STYLE)))
+        .route("/", asset("text/html; charset=utf-8", include_str!("page/index.html")))
+        .route("/live.css", asset("text/css; charset=utf-8", STYLE))
+        .route("/live.js", asset(SCRIPT, include_str!("page/live.js")))
+        .route("/traces.js", asset(SCRIPT, include_str!("page/traces.js")))
+        .route("/space.js", asset(SCRIPT, include_str!("page/space.js")))
+        .route("/uplot.js", asset(SCRIPT, bench_page::UPLOT_JS))
+        .route("/uplot.css", asset("text/css; charset=utf-8", bench_page::UPLOT_CSS))
+        .route("/page.css", asset("text/css; charset=utf-8", bench_page::STYLE))
         .route("/live", any(upgrade))
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), guard))
         .with_state(Arc::clone(&shared));
@@ -329,8 +329,8 @@ async fn serve(listener: TcpListener, shared: Arc<Shared>, hub: Hub) {
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE: &str = include_str!("page/live.css");
 
-async fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, kind)], text)
+fn asset(kind: &'static str, text: &'static str) -> MethodRouter<Arc<Shared>> {
+    get(move || async move { ([(header::CONTENT_TYPE, kind)], text) })
 }
 
 /// Refuses requests that were meant for another host, as a name that was turned to this machine has them, and tells browsers what the page may do.

@@ -12,7 +12,7 @@ impl Token {
     pub(crate) fn random() -> Result<Self, ViewError> {
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes).map_err(ViewError::Random)?;
-        Ok(Self(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
+        Ok(Self(format!("{:032x}", u128::from_be_bytes(bytes))))
     }
 
     /// Whether a token that was shown is this one; how long that takes tells nothing of where they differ.

@@ -21,9 +21,9 @@ use bench_dac::ports;
 use bench_plant::effects::{self, Effects, LIBRARY, parse_effect};
 use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
-use bench_view::{About, Outcome, Stage};
+use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
-use tokio::sync::oneshot;
+use tokio::{runtime::Runtime, sync::oneshot};
 
 use crate::{
     arguments::{Force, Json},
@@ -86,6 +86,8 @@ pub struct Arguments {
     json: Json,
 }
 
+const FAILED: &str = "the loop's thread failed; the board zeroes its outputs by itself. Please report this";
+
 /// How often the screen is brought up to date.
 const REDRAWN: Duration = Duration::from_millis(100);
 
@@ -119,15 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Signals::catch()?
     };
     // The page's threads are started here, so that they do not inherit the loop's priority.
-    let about = || About {
-        mode: "hil",
-        rig: rig.clone(),
-        mission: mission.clone(),
-        real_time: true,
-        views: seeing.is_some(),
-        truth: rig.bench == Bench::Loopback,
-    };
-    let (mut page, ends) = arguments.live.open(about)?.unzip();
+    let (mut page, ends) = arguments.live.open(|| about(&rig, &mission))?.unzip();
     let frames = match (&page, &seeing) {
         (Some(page), Some(seeing)) => Some(page.frames(&seeing.calibration)?),
         _ => None,
@@ -161,23 +155,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     };
     let checked = ready.in_words(&port);
-    checked.iter().for_each(|line| eprintln!("{line}"));
+    for line in &checked {
+        eprintln!("{line}");
+    }
     if let Some(sees) = &ready.sees {
         warn_of_other_constants(&rig, sees);
     }
-    let (mission, changes) = match &mut page {
-        None => (mission, Vec::new()),
-        Some(waits) => match runtime.block_on(waits.start(&mission, checked, signals.next())) {
-            Ok(start) => (start.mission, start.changes),
-            Err(why) => {
-                // Without an order the thread disarms and ends.
-                drop(order);
-                let _ = handle.join();
-                eprintln!("not flown: {why}");
-                not_flown(page, &why);
-                return Ok(Exit::Stopped);
-            }
-        },
+    let Start { mission, changes } = match started(page.as_mut(), &runtime, &mut signals, mission, checked) {
+        Ok(start) => start,
+        Err(why) => {
+            // Without an order the thread disarms and ends.
+            drop(order);
+            let _ = handle.join();
+            eprintln!("not flown: {why}");
+            not_flown(page, &why);
+            return Ok(Exit::Stopped);
+        }
     };
     let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
     recorded::note_changes(&mut session, &changes);
@@ -191,13 +184,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     };
     let _ = order.send(Order::Fly(recorder, mission.clone()));
-    let duration_s = mission.duration_s();
-    let landed = runtime.block_on(watch(landed, screen, page.as_ref(), &mut signals, &stop, duration_s));
+    let watching = watch(landed, screen, page.as_ref(), &mut signals, &stop, mission.duration_s());
+    let landed = runtime.block_on(watching);
     let joined = handle.join();
     let (Some(landed), Ok(())) = (landed, joined) else {
-        let words = "the loop's thread failed; the board zeroes its outputs by itself. Please report this";
-        eprintln!("error: {words}");
-        not_flown(page, words);
+        eprintln!("error: {FAILED}");
+        not_flown(page, FAILED);
         return Ok(Exit::Stopped);
     };
     let (exit, outcome) = finish(arguments, &rig, &mission, &port, &ready, landed, &output)?;
@@ -205,6 +197,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         runtime.block_on(page.stay(outcome, signals.next()));
     }
     Ok(exit)
+}
+
+fn about(rig: &Rig, mission: &Mission) -> About {
+    About {
+        mode: "hil",
+        rig: rig.clone(),
+        mission: mission.clone(),
+        real_time: true,
+        views: rig.bench == Bench::Transmitter,
+        truth: rig.bench == Bench::Loopback,
+    }
+}
+
+/// The mission, as the operator wants it where there is a page; or why nothing is flown.
+fn started(
+    page: Option<&mut Page>,
+    runtime: &Runtime,
+    signals: &mut Signals,
+    mission: Mission,
+    checked: Vec<String>,
+) -> Result<Start, String> {
+    match page {
+        None => Ok(Start { mission, changes: Vec::new() }),
+        Some(page) => runtime.block_on(page.start(&mission, checked, signals.next())),
+    }
 }
 
 /// Tells the page, if there is one, that nothing is flown, and ends it.

@@ -1,16 +1,17 @@
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use anyhow::Context;
 use bench_device::Clock as _;
+use bench_kinect::KinectError;
 use bench_plant::effects::parse_effect;
-use bench_recording::{ExportOptions, Options, Recorder, export};
+use bench_recording::{ExportOptions, Finished, Options, Recorder, RecordingError, export};
 use bench_rig::{Mission, Model, Rig};
 use bench_run::{Directive, StopReason, Tee, WallClock, check, simulate, simulate_seen};
 use bench_view::{About, Stage};
@@ -118,7 +119,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .check()?;
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let watched = Watched::open(arguments, &rig, &mission)?;
-    let Some((mut watched, mission, changes)) = started(watched, mission)? else { return Ok(Exit::Stopped) };
+    let Some((mut watched, mission, changes)) = started(watched, mission) else { return Ok(Exit::Stopped) };
     files::make_folder(&output)?;
 
     let mut session = recorded::simulated_session(&nominal, &added, &mission, arguments.seed);
@@ -183,45 +184,59 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         checks: &checks,
         watch: arguments.frames.then_some(&watch),
     };
-    if arguments.json.json {
-        words::print_json(&flight.as_json("bench.sim/1", &finished))?;
-    } else {
-        let duration_s = flown.summary.duration_s;
-        let pace = if arguments.realtime {
-            "in real time".to_owned()
-        } else {
-            let times = words::grouped((duration_s / took.as_secs_f64()) as u64);
-            format!("in {:.0} ms ({times} x real time)", took.as_secs_f64() * 1e3)
-        };
-        let head = format!("{}: {duration_s:.1} s flown {pace}\n", flight.name());
-        words::print(&(head + &flight.in_words(&finished)))?;
-    }
-    let exit = flight.exit();
+    tell(arguments, &flight, &finished, took)?;
     let outcome = flight.outcome(flight.in_words(&finished));
-    let exit = match (finished, watch.failed()) {
-        (Err(error), _) => {
-            eprintln!("error: the flight was simulated, but not all of it recorded: {error}");
-            Exit::DataLoss
-        }
-        (Ok(_), Some(error)) => {
-            eprintln!("error: the flight is recorded, but not all views were drawn: {error}");
-            Exit::DataLoss
-        }
-        (Ok(_), None) => {
-            if let Some(table) = &arguments.export {
-                files::make_folder(table)?;
-                let exported = export(&output, table, &ExportOptions::default())
-                    .with_context(|| format!("cannot export to {}", table.display()))?;
-                progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
-            }
-            exit
-        }
-    };
+    let exit = keep(arguments, &output, finished, watch.failed())?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
         let Watched { page, runtime, mut interrupts, .. } = watched;
         runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));
     }
     Ok(exit)
+}
+
+/// What the flight came to, on standard output.
+fn tell(
+    arguments: &Arguments,
+    flight: &Flight<'_>,
+    finished: &Result<Finished, RecordingError>,
+    took: Duration,
+) -> anyhow::Result<()> {
+    if arguments.json.json {
+        return words::print_json(&flight.as_json("bench.sim/1", finished));
+    }
+    let duration_s = flight.flown.summary.duration_s;
+    let pace = if arguments.realtime {
+        "in real time".to_owned()
+    } else {
+        let times = words::grouped((duration_s / took.as_secs_f64()) as u64);
+        format!("in {:.0} ms ({times} x real time)", took.as_secs_f64() * 1e3)
+    };
+    let head = format!("{}: {duration_s:.1} s flown {pace}\n", flight.name());
+    words::print(&(head + &flight.in_words(finished)))
+}
+
+/// Writes the table, if one is wanted; another exit code than the flight's when something is missing.
+fn keep(
+    arguments: &Arguments,
+    output: &Path,
+    finished: Result<Finished, RecordingError>,
+    views: Option<&KinectError>,
+) -> anyhow::Result<Option<Exit>> {
+    if let Err(error) = finished {
+        eprintln!("error: the flight was simulated, but not all of it recorded: {error}");
+        return Ok(Some(Exit::DataLoss));
+    }
+    if let Some(error) = views {
+        eprintln!("error: the flight is recorded, but not all views were drawn: {error}");
+        return Ok(Some(Exit::DataLoss));
+    }
+    if let Some(table) = &arguments.export {
+        files::make_folder(table)?;
+        let exported = export(output, table, &ExportOptions::default())
+            .with_context(|| format!("cannot export to {}", table.display()))?;
+        progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
+    }
+    Ok(None)
 }
 
 /// A simulation that somebody watches.
@@ -256,19 +271,19 @@ impl Watched {
 type Started = (Option<Watched>, Mission, Vec<String>);
 
 /// Waits for START where somebody watches; `None` when nothing is to be flown.
-fn started(watched: Option<Watched>, mission: Mission) -> anyhow::Result<Option<Started>> {
-    let Some(mut watched) = watched else { return Ok(Some((None, mission, Vec::new()))) };
+fn started(watched: Option<Watched>, mission: Mission) -> Option<Started> {
+    let Some(mut watched) = watched else { return Some((None, mission, Vec::new())) };
     let Watched { page, runtime, interrupts, .. } = &mut watched;
     let checked = vec!["airframe, tracker and outputs are simulated".to_owned()];
     match runtime.block_on(page.start(&mission, checked, interrupted(interrupts))) {
         Ok(start) => {
             page.stage(Stage::Flying);
-            Ok(Some((Some(watched), start.mission, start.changes)))
+            Some((Some(watched), start.mission, start.changes))
         }
         Err(why) => {
             eprintln!("not flown: {why}");
             watched.page.close(live::not_flown(&why));
-            Ok(None)
+            None
         }
     }
 }
