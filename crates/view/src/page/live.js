@@ -118,7 +118,7 @@ async function see(data) {
       bitmap.close();
     }
     live.viewed += 1;
-    live.viewTime = view.getFloat64(0, true);
+    live.views = [...(live.views ?? []), performance.now()];
   } finally {
     send({ command: "seen" });
   }
@@ -232,15 +232,16 @@ function figures() {
     here = chips.findIndex((chip, i) => i >= (live.chip ?? 0) && chip.textContent === name);
     // Behind the last phase the sticks rest until the last positions are in.
     if (here < 0) here = chips.length - 1;
-    live.chip = here;
+    if (name !== "abort") live.chip = here;
   }
   if (name === "abort" && !chips.some((chip) => chip.textContent === "abort")) {
     at("phases").append(Object.assign(document.createElement("li"), { textContent: "abort" }));
   }
   chips.forEach((chip, i) => {
-    chip.className = i === here ? (name === "abort" ? "here abort" : "here") : over || i < here ? "past" : "";
+    chip.className = i === here ? (name === "abort" ? "here abort" : "here") : over || i < (name === "abort" ? (live.chip ?? 0) + 1 : here) ? "past" : "";
   });
-  at("views-age").textContent = live.viewTime ? `frame of ${live.viewTime.toFixed(2)} s` : "";
+  live.views = (live.views ?? []).filter((time) => performance.now() - time < 2000);
+  at("views-age").textContent = live.views.length ? `${Math.round(live.views.length / 2)} a second` : "";
 }
 
 // What changes is drawn 15 times a second, and less often where all of a long flight is shown.

@@ -9,7 +9,7 @@ use std::{
 };
 
 use bench_dac::{Calibration, DacError, Identity, LinkCounts, Psoc5, Safe};
-use bench_device::{Clock, DeviceError, PositionSource, VoltageOutput};
+use bench_device::{Clock, DeviceError, PositionSample, PositionSource, Time, VoltageOutput};
 use bench_kinect::{
     Frame, TrackedFrames,
     track::{Sighting, Tracker},
@@ -187,56 +187,68 @@ impl LoopThread {
                 return;
             }
         };
-        let Ok(Order::Fly(recorder, mission)) = orders.recv() else { return };
-        let (watcher, controls) = self.ends.take().map(|ends| (ends.watcher, ends.controls)).unzip();
-        let mut sink = Tee::new(recorder, watcher);
-        let mut flies = Flies { mission, controls };
+        let Some((kinect, seeing)) = kinect.zip(self.seeing.take()) else {
+            let Ok(order) = orders.recv() else { return };
+            let (mut flies, mut sink) = self.take_order(order);
+            let outcome = self.fly_virtual(WallClock::start(), &mut board, &mut flies, &mut sink);
+            let safe = make_safe(&mut board, &outcome);
+            let counts = board.counts();
+            let _ = landed.send(Landed { outcome, safe, counts, saw: None, recorder: sink.into_inner() });
+            return;
+        };
+        // Who has a page sees the scene before START; without one the frames begin with the flight.
+        let watches = self.ends.is_some();
+        let mut order = None;
+        if !watches {
+            let Ok(given) = orders.recv() else { return };
+            order = Some(given);
+        }
         let clock = WallClock::start();
-        let mut saw = None;
         let watched = RefCell::new(Watch::default());
-        let (outcome, safe) = match kinect.zip(self.seeing.take()) {
-            None => {
-                let outcome = self.fly_virtual(clock, &mut board, &mut flies, &mut sink);
-                let safe = make_safe(&mut board, &outcome);
-                (outcome, safe)
+        let mut frames = self.frames.take();
+        let watch = |frame: &Frame, tracker: &Tracker, sighting: &Sighting| {
+            watched.borrow_mut().see(frame, tracker, sighting);
+            if let Some(frames) = &mut frames {
+                frames.see(frame, tracker, sighting);
             }
-            Some((kinect, seeing)) => match kinect.stream(seeing.settings, move || clock.now()) {
-                Ok(streaming) => {
-                    let mut frames = self.frames.take();
-                    let watch = |frame: &Frame, tracker: &Tracker, sighting: &Sighting| {
-                        watched.borrow_mut().see(frame, tracker, sighting);
-                        if let Some(frames) = &mut frames {
-                            frames.see(frame, tracker, sighting);
-                        }
-                    };
-                    let latency_s = self.rig.tracker.latency_s.value;
-                    let tracker = Tracker::new(&seeing.calibration);
-                    let mut tracker = TrackedFrames::new(streaming, tracker, latency_s, watch);
-                    let outcome = self.fly(
-                        clock,
-                        (&mut board, &mut tracker),
-                        &mut flies,
-                        &mut sink,
-                        Psoc5::arm,
-                        |_| {},
-                    );
-                    // Before the Kinect is closed, which may take its time.
-                    let safe = make_safe(&mut board, &outcome);
-                    let statistics = tracker.frames().statistics();
-                    drop(tracker);
-                    let watch = watched.take();
-                    saw = Some(Saw { statistics, watch });
-                    (outcome, safe)
-                }
-                Err(error) => {
-                    let outcome = Err(NotArmed::Kinect(error));
-                    let safe = make_safe(&mut board, &outcome);
-                    (outcome, safe)
-                }
-            },
+        };
+        let latency_s = self.rig.tracker.latency_s.value;
+        let streaming = kinect.stream(seeing.settings, move || clock.now());
+        let mut tracker = streaming.map(|streaming| {
+            TrackedFrames::new(streaming, Tracker::new(&seeing.calibration), latency_s, watch)
+        });
+        if order.is_none() {
+            order = look_until_ordered(clock, tracker.as_mut().ok(), orders);
+        }
+        let Some(order) = order else { return };
+        let (mut flies, mut sink) = self.take_order(order);
+        let (outcome, safe, saw) = match tracker {
+            Ok(mut tracker) => {
+                // What was seen before START is no part of the flight, whose time begins here.
+                watched.take();
+                let mut since = Since { origin: clock.now(), source: &mut tracker };
+                let ends = (&mut board, &mut since);
+                let outcome = self.fly(WallClock::start(), ends, &mut flies, &mut sink, Psoc5::arm, |_| {});
+                // Before the Kinect is closed, which may take its time.
+                let safe = make_safe(&mut board, &outcome);
+                let statistics = tracker.frames().statistics();
+                drop(tracker);
+                (outcome, safe, Some(Saw { statistics, watch: watched.take() }))
+            }
+            Err(error) => {
+                let outcome = Err(NotArmed::Kinect(error));
+                let safe = make_safe(&mut board, &outcome);
+                (outcome, safe, None)
+            }
         };
         let counts = board.counts();
         let _ = landed.send(Landed { outcome, safe, counts, saw, recorder: sink.into_inner() });
+    }
+
+    /// What a flight needs of an order, and of the page.
+    fn take_order(&mut self, Order::Fly(recorder, mission): Order) -> (Flies, Tee<Recorder>) {
+        let (watcher, controls) = self.ends.take().map(|ends| (ends.watcher, ends.controls)).unzip();
+        (Flies { mission, controls }, Tee::new(recorder, watcher))
     }
 
     /// Kinect first: it moves nothing.
@@ -299,6 +311,49 @@ impl LoopThread {
             }
             directive(flies.controls.as_mut())
         }))
+    }
+}
+
+/// Positions in the time of a clock that began at `origin` of the source's.
+struct Since<'a, P> {
+    origin: Time,
+    source: &'a mut P,
+}
+
+impl<P: PositionSource> PositionSource for Since<'_, P> {
+    fn poll(&mut self) -> Result<Option<PositionSample>, DeviceError> {
+        let since = |time: Time| Time::from_nanos(time.nanos().saturating_sub(self.origin.nanos()));
+        let sample = self.source.poll()?;
+        Ok(sample.map(|sample| PositionSample {
+            exposed_at: since(sample.exposed_at),
+            arrived_at: since(sample.arrived_at),
+            ..sample
+        }))
+    }
+}
+
+/// How often frames are looked at before START, s.
+const LOOKS_S: f64 = 0.01;
+
+/// Has frames tracked, and so shown, until there is an order; `None` when none will come. A Kinect that fails meanwhile fails again when it
+/// is to fly, where it is told.
+fn look_until_ordered(
+    mut clock: WallClock,
+    tracker: Option<&mut impl PositionSource>,
+    orders: &mpsc::Receiver<Order>,
+) -> Option<Order> {
+    let Some(tracker) = tracker else { return orders.recv().ok() };
+    loop {
+        match orders.try_recv() {
+            Ok(order) => return Some(order),
+            Err(mpsc::TryRecvError::Disconnected) => return None,
+            Err(mpsc::TryRecvError::Empty) => {}
+        }
+        while tracker.poll().is_ok_and(|sample| sample.is_some()) {}
+        let next = clock.now().shifted(LOOKS_S);
+        if clock.wait_until(next).is_err() {
+            return orders.recv().ok();
+        }
     }
 }
 
