@@ -45,7 +45,7 @@ cut_below_m = 0.06
 duration_s = 6.0
 "#;
 
-fn short_mission(scratch: &Scratch) -> String {
+pub fn short_mission(scratch: &Scratch) -> String {
     fs::write(scratch.path("short.toml"), SHORT).unwrap();
     scratch.name("short.toml")
 }
@@ -78,13 +78,13 @@ impl Drop for Process {
 }
 
 /// `bench emulate psoc5` and the port that it says.
-struct Emulated {
+pub struct Emulated {
     _process: Process,
-    port: String,
+    pub port: String,
 }
 
 impl Emulated {
-    fn start(scratch: &Scratch, arguments: &[&str]) -> Self {
+    pub fn start(scratch: &Scratch, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_bench"))
             .args(["emulate", "psoc5", "--link", &scratch.name("psoc5")])
             .args(arguments)

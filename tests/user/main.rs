@@ -12,6 +12,7 @@ mod frames;
 mod hil;
 mod identify;
 mod import;
+mod live;
 mod model;
 mod packaging;
 mod progress;

@@ -42,6 +42,11 @@ const WRONG: &[Wrong] = &[
     ("sim --frames --mission hold-3d", ["hold-3d", "choose another mission"]),
     ("sim --frames --rig loopback", ["loopback", "bench calibrate"]),
     ("sim --views views", ["--frames", "--help"]),
+    ("sim --realtime", ["--live", "--help"]),
+    ("sim --listen 127.0.0.1:8081", ["--live", "--help"]),
+    ("sim --live --listen 8080", ["127.0.0.1:8080", "--help"]),
+    ("sim --live --listen 192.0.2.1:8080", ["192.0.2.1:8080", "--listen"]),
+    ("hil --autostart --port /dev/null", ["--live", "--help"]),
     ("hil --rig loopback", ["port", "--port"]),
     ("hil --port /dev/null --rig virtual", ["virtual", "bench sim"]),
     (

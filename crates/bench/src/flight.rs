@@ -6,6 +6,7 @@ use bench_page::Tone;
 use bench_recording::{Finished, RecordingError};
 use bench_rig::{Mission, Rig};
 use bench_run::{Check, Ending, Flown};
+use bench_view::Outcome;
 use serde_json::json;
 
 use crate::{exit::Exit, seen::Watch, words};
@@ -28,6 +29,19 @@ impl Flight<'_> {
             Ending::Complete if self.checks.iter().all(|check| check.passed) => Exit::Done,
             Ending::Complete => Exit::CheckFailed,
         }
+    }
+
+    /// The flight as the live page tells it, with what the terminal says.
+    pub fn outcome(&self, words: String) -> Outcome {
+        let exit = self.exit();
+        let headline = match (&self.flown.ending, exit) {
+            (Ending::Stopped(reason), _) => format!("Stopped: {reason}"),
+            (Ending::Fault(error), _) => format!("Fault: {error}"),
+            (Ending::Panicked(_), _) => "The program failed; the throttle went to rest".to_owned(),
+            (Ending::Complete, Exit::Done) => "Flown, and all criteria met".to_owned(),
+            (Ending::Complete, _) => "Flown, but criteria were missed".to_owned(),
+        };
+        Outcome { passed: exit == Exit::Done, headline, words }
     }
 
     /// What flew where.

@@ -13,6 +13,7 @@ mod eyes;
 mod files;
 mod flight;
 mod library;
+mod live;
 mod model_page;
 mod progress;
 mod recorded;
@@ -20,6 +21,7 @@ mod repeats;
 mod report;
 mod schema;
 mod seen;
+mod signals;
 mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};

@@ -273,6 +273,13 @@ pub fn simulated_session(nominal: &Rig, added: &[String], mission: &Mission, see
     }
 }
 
+/// What an operator changed of the mission before the flight, such as its altitude.
+pub fn note_changes(session: &mut Session, changes: &[String]) {
+    if !changes.is_empty() {
+        session.extra.insert("mission_changes".to_owned(), changes.join("; "));
+    }
+}
+
 /// A key that two rigs do not share.
 #[derive(Debug)]
 struct Difference {

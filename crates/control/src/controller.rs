@@ -1,3 +1,5 @@
+use std::fmt;
+
 use bench_device::{PositionSample, Sticks, Time};
 use bench_rig::{ControlState, Mission, Phase, PhaseAction, PhasePlan, Predictor, Rig};
 
@@ -21,6 +23,32 @@ pub struct Controller {
     predicted: Predicted,
     altitude: AltitudeLaw,
     lateral: LateralLaw,
+    envelope_m: [f64; 2],
+    /// Added to the altitudes of holds, m; `None` until somebody asks.
+    shift_m: Option<f64>,
+}
+
+/// Why an altitude that was asked for is not flown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AltitudeRefused {
+    /// It is outside of the rig's envelope.
+    Outside {
+        /// Lowest altitude that may be asked for, m.
+        low_m: f64,
+        /// Highest altitude that may be asked for, m.
+        high_m: f64,
+    },
+    /// The mission holds no altitude from here on.
+    NoHold,
+}
+
+impl fmt::Display for AltitudeRefused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Outside { low_m, high_m } => write!(f, "outside of the rig's {low_m:.2} to {high_m:.2} m"),
+            Self::NoHold => write!(f, "the mission holds no altitude from here on"),
+        }
+    }
 }
 
 /// Who predicts, as the rig has it.
@@ -124,6 +152,8 @@ impl Controller {
             predicted: Predicted::new(rig, begin),
             altitude: AltitudeLaw::new(rig),
             lateral: LateralLaw::new(rig),
+            envelope_m: rig.altitude_envelope_m(),
+            shift_m: None,
         }
     }
 
@@ -135,6 +165,33 @@ impl Controller {
     /// Throttle to rest from the next decision on, for good.
     pub fn abort(&mut self) {
         self.aborted = true;
+    }
+
+    /// From the next decision on, holds fly `altitude_m` where the mission has what it has at `now` (or at the beginning of its next hold),
+    /// and are shifted by as much all along. What the mission foresees beyond is kept within the rig's envelope.
+    pub fn fly_at(&mut self, altitude_m: f64, now: Time) -> Result<(), AltitudeRefused> {
+        let [low_m, high_m] = self.envelope_m;
+        if !(low_m..=high_m).contains(&altitude_m) {
+            return Err(AltitudeRefused::Outside { low_m, high_m });
+        }
+        let mut ahead = self.plans.iter().enumerate().skip(self.current).filter(|_| !self.aborted);
+        let planned_m = ahead
+            .find_map(|(index, plan)| match &plan.action {
+                PhaseAction::Hold { altitude_m, .. } if index == self.current => {
+                    Some(altitude_m.at(now.since_s(self.phase_began)))
+                }
+                PhaseAction::Hold { altitude_m, .. } => Some(altitude_m.at(0.0)),
+                _ => None,
+            })
+            .ok_or(AltitudeRefused::NoHold)?;
+        self.shift_m = Some(altitude_m - planned_m);
+        Ok(())
+    }
+
+    /// An altitude of the mission as the operator has it flown, m.
+    fn shifted_m(&self, planned_m: f64) -> f64 {
+        let [low_m, high_m] = self.envelope_m;
+        self.shift_m.map_or(planned_m, |shift_m| (planned_m + shift_m).clamp(low_m, high_m))
     }
 
     /// One iteration at `now`, once a loop period.
@@ -170,7 +227,8 @@ impl Controller {
             }
             PhaseAction::Hold { altitude_m, x_m, y_m, heading_rad, chirp } => {
                 let extra_m = chirp.map_or(0.0, |chirp| chirp.at(elapsed_s, plan.duration_s));
-                state.setpoint_m = [x_m.at(elapsed_s), y_m.at(elapsed_s), altitude_m.at(elapsed_s) + extra_m];
+                let altitude_m = self.shifted_m(altitude_m.at(elapsed_s) + extra_m);
+                state.setpoint_m = [x_m.at(elapsed_s), y_m.at(elapsed_s), altitude_m];
                 state.setpoint_heading_rad = heading_rad.at(elapsed_s);
                 let throttle =
                     self.altitude.closed_loop(state.setpoint_m[2], 0.0, estimate.as_ref(), &mut state);

@@ -54,6 +54,19 @@ impl Default for Frame {
     }
 }
 
+impl Frame {
+    /// Becomes what another frame is, without allocating.
+    pub fn copy_from(&mut self, other: &Self) {
+        let Self { colour, colour_valid, colour_ticks, depth, depth_valid, depth_ticks, arrived_at } = self;
+        colour.copy_from_slice(&other.colour);
+        depth.copy_from_slice(&other.depth);
+        colour_valid.copy_from(&other.colour_valid);
+        depth_valid.copy_from(&other.depth_valid);
+        (*colour_ticks, *depth_ticks, *arrived_at) =
+            (other.colour_ticks, other.depth_ticks, other.arrived_at);
+    }
+}
+
 /// A stream of frames: a Kinect, a renderer, a recording.
 pub trait FrameSource {
     /// The next frame that has arrived and was not yet returned, oldest first; `None` when there is none now. Never
@@ -80,6 +93,11 @@ impl Mask {
             self.words.fill(u64::MAX);
             self.lost = 0;
         }
+    }
+
+    fn copy_from(&mut self, other: &Self) {
+        self.words.copy_from_slice(&other.words);
+        self.lost = other.lost;
     }
 
     /// Marks pixels as lost; those past the image are ignored.

@@ -13,6 +13,7 @@ use nalgebra::Vector2;
 
 use crate::{
     KinectError,
+    camera::Camera,
     frame::{Frame, HEIGHT, PIXELS, WIDTH, demosaic},
     track::{Candidate, Rejection, Sighting, Tracker, red_row},
 };
@@ -44,6 +45,16 @@ pub struct Views {
 impl Views {
     /// Draws a frame that the tracker has just looked at.
     pub fn new(frame: &Frame, tracker: &Tracker, sighting: &Sighting) -> Result<Self, KinectError> {
+        Self::draw(frame, tracker.camera(), tracker.candidates(), sighting)
+    }
+
+    /// The same where the tracker is elsewhere: by its camera, and by the candidates that it had for this frame.
+    pub fn draw(
+        frame: &Frame,
+        camera: &Camera,
+        candidates: &[Candidate],
+        sighting: &Sighting,
+    ) -> Result<Self, KinectError> {
         let mut full = Image(vec![0; PIXELS * 3]);
         demosaic(&frame.colour, &mut full.0)?;
         for pixel in (0..PIXELS).filter(|pixel| !frame.colour_valid.received(*pixel)) {
@@ -52,15 +63,14 @@ impl Views {
         let mut red = Image(full.0.clone());
         red.keep_red(frame);
         let mut depth = Image(vec![0; PIXELS * 3]);
-        depth.paint_depth(frame, tracker);
-        for candidate in tracker.candidates() {
+        depth.paint_depth(frame, camera);
+        for candidate in candidates {
             let (colour, blob) = (colour_of(candidate), &candidate.blob);
             let low = Vector2::new(2 * blob.x0, 2 * blob.y0).cast::<f64>();
             let high = Vector2::new(2 * blob.x1, 2 * blob.y1).cast::<f64>();
             full.frame(low, high, colour);
             red.frame(low, high, colour);
             if let Some(z_m) = candidate.z_m {
-                let camera = tracker.camera();
                 let place = |pixel| camera.depth_pixel(&camera.from_colour(pixel, z_m));
                 if let (Some(low), Some(high)) = (place(low), place(high)) {
                     depth.frame(low, high, colour);
@@ -95,6 +105,11 @@ fn colour_of(candidate: &Candidate) -> Rgb {
 }
 
 impl Image {
+    /// Red, green, blue of all pixels, row by row.
+    pub fn rgb(&self) -> &[u8] {
+        &self.0
+    }
+
     /// Red, green, blue of a pixel.
     pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
         let at = (y * WIDTH + x) * 3;
@@ -122,12 +137,12 @@ impl Image {
         }
     }
 
-    fn paint_depth(&mut self, frame: &Frame, tracker: &Tracker) {
+    fn paint_depth(&mut self, frame: &Frame, camera: &Camera) {
         for (pixel, raw) in frame.depth.iter().enumerate() {
             let (x, y) = (pixel % WIDTH, pixel / WIDTH);
             if !frame.depth_valid.received(pixel) {
                 self.set(x, y, LOST);
-            } else if let Some(z_m) = tracker.camera().disparity().depth_m(f64::from(*raw)) {
+            } else if let Some(z_m) = camera.disparity().depth_m(f64::from(*raw)) {
                 self.set(x, y, depth_colour(z_m));
             }
         }

@@ -8,6 +8,7 @@
 
 mod airframe;
 mod calibration;
+mod change;
 mod control_state;
 mod error;
 pub mod keys;
@@ -19,6 +20,7 @@ pub mod visit;
 
 pub use airframe::{Actuation, Airframe, GroundEffect, Stabiliser, StickRange, Thrust};
 pub use calibration::{Calibration, Depth, Lens};
+pub use change::ChangeError;
 pub use control_state::ControlState;
 pub use error::{Location, Problem, RigError};
 pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};

@@ -50,19 +50,37 @@ pub struct Progress {
     pub round_trip_s: Option<f64>,
 }
 
+/// What who watches a flight wants of it, once an iteration. From a `bool`: true goes on, false stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Directive {
+    /// Go on as planned.
+    GoOn,
+    /// Throttle to rest.
+    Stop(StopReason),
+    /// Go on with holds at this altitude, m, within the rig's envelope.
+    FlyAt(f64),
+}
+
+impl From<bool> for Directive {
+    fn from(go_on: bool) -> Self {
+        if go_on { Self::GoOn } else { Self::Stop(StopReason::Asked) }
+    }
+}
+
 /// How long the loop goes on after the mission, so that the last positions still arrive, s.
 const TAIL_S: f64 = 0.5;
 
 /// Flies `mission` on three ends from the clock's present instant on, telling `sink` everything. `each` is called at the end of every iteration, with the
-/// sink for what only the caller knows (a simulation's true state); it returns false to ask for a stop.
+/// sink for what only the caller knows (a simulation's true state); what it returns is heeded
+/// from the next iteration on, and recorded as an event.
 ///
 /// No iteration allocates or locks, as long as the ends and the sink do not.
-pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink>(
+pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink, D: Into<Directive>>(
     (clock, output, tracker): (&mut C, &mut V, &mut P),
     rig: &Rig,
     mission: &Mission,
     sink: &mut S,
-    mut each: impl FnMut(&Progress, &mut S) -> bool,
+    mut each: impl FnMut(&Progress, &mut S) -> D,
 ) -> Flown {
     let begin = clock.now();
     let mut flight = Flight {
@@ -87,8 +105,10 @@ pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink>(
             }
         };
         let now = progress.now;
-        if !each(&progress, sink) {
-            flight.stop(StopReason::Asked, now, sink);
+        match each(&progress, sink).into() {
+            Directive::GoOn => {}
+            Directive::Stop(reason) => flight.stop(reason, now, sink),
+            Directive::FlyAt(altitude_m) => flight.fly_at(altitude_m, now, sink),
         }
         if finished && now.since_s(*finished_at.get_or_insert(now)) >= TAIL_S {
             break flight.stopped.map_or(Ending::Complete, Ending::Stopped);
@@ -187,6 +207,20 @@ impl Flight {
         let ahead = if on_time && passed > 0 { passed } else { passed + 1 };
         self.index += ahead;
         self.scheduled = Time::from_nanos(self.scheduled.nanos() + ahead * period);
+    }
+
+    fn fly_at(&mut self, altitude_m: f64, now: Time, sink: &mut impl Sink) {
+        match self.controller.fly_at(altitude_m, now) {
+            Ok(()) => event(sink, now, Level::Info, format_args!("asked to hold {altitude_m:.3} m")),
+            Err(refused) => {
+                event(
+                    sink,
+                    now,
+                    Level::Warning,
+                    format_args!("asked to hold {altitude_m:.3} m, refused: {refused}"),
+                );
+            }
+        }
     }
 
     /// The first reason to stop is the one that counts.

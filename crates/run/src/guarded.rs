@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use bench_device::{Clock, DeviceError, PositionSource, TrackStatus, VoltageOutput};
 use bench_rig::{Mission, Rig};
 
-use crate::{Ending, Flown, Progress, Sink, Summary, fly};
+use crate::{Directive, Ending, Flown, Progress, Sink, Summary, fly};
 
 /// Waits until the tracker has seen the marker; false when it has not within `patience_s` seconds.
 pub fn await_marker(
@@ -29,12 +29,12 @@ pub fn await_marker(
 }
 
 /// [`fly`], where a panic in the controller, an end or the sink is one more way for a flight to end: the throttle goes to rest first.
-pub fn fly_guarded<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink>(
+pub fn fly_guarded<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink, D: Into<Directive>>(
     (clock, output, tracker): (&mut C, &mut V, &mut P),
     rig: &Rig,
     mission: &Mission,
     sink: &mut S,
-    each: impl FnMut(&Progress, &mut S) -> bool,
+    each: impl FnMut(&Progress, &mut S) -> D,
 ) -> Flown {
     let flight = AssertUnwindSafe(|| fly((clock, &mut *output, tracker), rig, mission, sink, each));
     catch_unwind(flight).unwrap_or_else(|panic| {

@@ -46,6 +46,8 @@ pub enum StopReason {
     },
     /// A person or the system asked for it.
     Asked,
+    /// STOP was pressed on the live page.
+    Pressed,
 }
 
 impl fmt::Display for StopReason {
@@ -69,6 +71,7 @@ impl fmt::Display for StopReason {
                 )
             }
             Self::Asked => write!(f, "asked to stop"),
+            Self::Pressed => write!(f, "STOP was pressed on the live page"),
         }
     }
 }

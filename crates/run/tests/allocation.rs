@@ -1,4 +1,5 @@
-//! Nothing on the loop's path allocates after start-up: with the real driver, an emulated board, the recorder and the virtual airframe.
+//! Nothing on the loop's path allocates after start-up: with the real driver, an emulated board, the recorder, somebody who watches, and the
+//! virtual airframe.
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},
@@ -10,9 +11,9 @@ use bench_dac::{
     Psoc5,
     emulator::{EmulatedPsoc5, LinkFaults},
 };
-use bench_recording::{Mode, Options, Recorder, Session};
+use bench_recording::{Mode, Options, Recorder, Session, WhenFull};
 use bench_rig::{Mission, Predictor, Rig};
-use bench_run::{Ending, Loopback, WallClock, await_marker, drain_truth, fly};
+use bench_run::{Directive, Ending, Loopback, Tee, WallClock, Watcher, await_marker, drain_truth, fly};
 
 /// Counts what the loop's thread allocates; other threads may.
 struct Counting;
@@ -61,7 +62,10 @@ fn fly_and_count(mut rig: Rig, rigs: &Path) {
     let board = EmulatedPsoc5::start(LinkFaults::default(), 1, None).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let session = Session::new(Mode::Hil);
-    let mut recorder = Recorder::create(folder.path().join("a.mcap"), &session, Options::REAL_TIME).unwrap();
+    let recorder = Recorder::create(folder.path().join("a.mcap"), &session, Options::REAL_TIME).unwrap();
+    // Room for a part of the flight: the rest is dropped, which must not cost either.
+    let (watcher, _records, missed) = Watcher::new(100, WhenFull::Drop);
+    let mut sink = Tee::new(recorder, Some(watcher));
     let mut driver = Psoc5::connect(board.port().to_str().unwrap(), &rig).unwrap();
     driver.calibrate().unwrap();
     let mut clock = WallClock::start();
@@ -71,13 +75,19 @@ fn fly_and_count(mut rig: Rig, rigs: &Path) {
     output.inner().arm().unwrap();
     let mut counted = Vec::with_capacity(1000);
     let ends = (&mut clock, &mut output, &mut tracker);
-    let flown = fly(ends, &rig, &mission, &mut recorder, |progress, recorder| {
-        drain_truth(&world, recorder);
+    let flown = fly(ends, &rig, &mission, &mut sink, |progress, sink| {
+        drain_truth(&world, sink);
         counted.push((progress.phase, ALLOCATIONS.get()));
-        true
+        // One that is flown, and one that is refused.
+        match counted.len() {
+            20 => Directive::FlyAt(0.5),
+            22 => Directive::FlyAt(50.0),
+            _ => Directive::GoOn,
+        }
     });
     assert!(matches!(flown.ending, Ending::Complete), "{:?}", flown.ending);
     assert!(counted.len() > 30);
+    assert!(missed.load(std::sync::atomic::Ordering::Relaxed) > 0);
     let first = counted[0].1;
     assert!(first > 0, "what was set up before is counted");
     assert!(counted.iter().all(|(_, count)| *count == first), "{counted:?}");

@@ -1,9 +1,9 @@
 //! `bench hil`: three threads share the work. The loop's thread has the board and flies; the recorder's writes the recording; this one
 //! has the signals and the screen.
 
-mod live;
 mod loop_thread;
 mod report;
+mod screen;
 
 use std::{
     collections::BTreeMap,
@@ -18,27 +18,28 @@ use std::{
 
 use anyhow::{Context, bail};
 use bench_dac::ports;
-use bench_plant::effects::{Effects, LIBRARY, Stage, parse_effect};
+use bench_plant::effects::{self, Effects, LIBRARY, parse_effect};
 use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
+use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
-use tokio::{
-    signal::unix::{SignalKind, signal},
-    sync::oneshot,
-};
+use tokio::{runtime::Runtime, sync::oneshot};
 
 use crate::{
     arguments::{Force, Json},
     exit::Exit,
     eyes::Eyes,
     files::{self, Form, Outputs},
+    live::{self, LiveArguments, Page},
     progress,
     recorded::{self, ADDED_EFFECTS},
-    seen, words,
+    seen,
+    signals::Signals,
+    words,
 };
-use live::Live;
 use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
 use report::Report;
+use screen::Screen;
 
 /// Fly a mission through real hardware, in real time, and record it
 #[derive(Args)]
@@ -47,8 +48,10 @@ use report::Report;
   bench hil --port /dev/ttyACM0 --mission hold-3d -o hold.mcap
   bench emulate psoc5 --link /tmp/psoc5 & bench hil --port /tmp/psoc5
   bench hil --rig transmitter --port /dev/ttyACM0 --exposure-ms 10
+  bench hil --port /dev/ttyACM0 --live
 
-`bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a
+With --live the flight is on a page in the browser, which waits for START once the devices are
+checked; docs/live.md tells what it shows and takes. `bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a
 flight. Exit code 1 says that the mission's criteria were missed, 4 that a device failed or the
 flight was stopped; the throttle is at rest then.")]
 pub struct Arguments {
@@ -76,13 +79,17 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
     #[command(flatten)]
+    live: LiveArguments,
+    #[command(flatten)]
     force: Force,
     #[command(flatten)]
     json: Json,
 }
 
+const FAILED: &str = "the loop's thread failed; the board zeroes its outputs by itself. Please report this";
+
 /// How often the screen is brought up to date.
-const SCREEN: Duration = Duration::from_millis(100);
+const REDRAWN: Duration = Duration::from_millis(100);
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let Some(port) = arguments.port.clone() else {
@@ -103,24 +110,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .check()?;
 
     let stop = Arc::new(AtomicBool::new(false));
-    let (progress, live) = Live::new();
+    let (progress, screen) = Screen::new();
     let (ready_sender, ready) = mpsc::channel();
     let (order, orders) = mpsc::channel();
     let (landed_sender, landed) = oneshot::channel();
-    let thread = LoopThread {
-        port: port.clone(),
-        rig: rig.clone(),
-        mission: mission.clone(),
-        seed: arguments.seed,
-        seeing,
-        stop: Arc::clone(&stop),
-        progress,
-    };
     // Signals are caught before anything can be armed.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut signals = {
         let _inside = runtime.enter();
         Signals::catch()?
+    };
+    // The page's threads are started here, so that they do not inherit the loop's priority.
+    let (mut page, ends) = arguments.live.open(|| about(&rig, &mission))?.unzip();
+    let frames = match (&page, &seeing) {
+        (Some(page), Some(seeing)) => Some(page.frames(&seeing.calibration)?),
+        _ => None,
+    };
+    let thread = LoopThread {
+        port: port.clone(),
+        rig: rig.clone(),
+        seed: arguments.seed,
+        seeing,
+        frames,
+        ends,
+        stop: Arc::clone(&stop),
+        progress,
     };
     let handle = std::thread::Builder::new()
         .name("loop".to_owned())
@@ -132,6 +146,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Ok(Err(error)) => {
             let _ = handle.join();
             eprintln!("error: {error}");
+            not_flown(page, &error.to_string());
             return Ok(Exit::Stopped);
         }
         Err(_) => {
@@ -139,34 +154,81 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             bail!("the loop's thread ended before it was ready");
         }
     };
-    eprintln!("{port}: {}; {}", ready.identity, ready.granted);
-    let checked =
-        if ready.sees.is_some() { "in the board's memory, outputs checked at zero" } else { "measured" };
-    eprintln!("loop from outputs to inputs, {checked}: {}", ready.calibration);
+    let checked = ready.in_words(&port);
+    for line in &checked {
+        eprintln!("{line}");
+    }
     if let Some(sees) = &ready.sees {
-        eprintln!("{sees}");
         warn_of_other_constants(&rig, sees);
     }
-    let session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
-    let recorder = match recorder(&output, &session) {
-        Ok(recorder) => recorder,
-        Err(error) => {
+    let Start { mission, changes } = match started(page.as_mut(), &runtime, &mut signals, mission, checked) {
+        Ok(start) => start,
+        Err(why) => {
             // Without an order the thread disarms and ends.
             drop(order);
             let _ = handle.join();
+            eprintln!("not flown: {why}");
+            not_flown(page, &why);
+            return Ok(Exit::Stopped);
+        }
+    };
+    let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
+    recorded::note_changes(&mut session, &changes);
+    let recorder = match recorder(&output, &session) {
+        Ok(recorder) => recorder,
+        Err(error) => {
+            drop(order);
+            let _ = handle.join();
+            not_flown(page, &error.to_string());
             return Err(error);
         }
     };
-    let _ = order.send(Order::Fly(recorder));
-    let landed = runtime.block_on(watch(landed, live, &mut signals, &stop, mission.duration_s()));
+    let _ = order.send(Order::Fly(recorder, mission.clone()));
+    let watching = watch(landed, screen, page.as_ref(), &mut signals, &stop, mission.duration_s());
+    let landed = runtime.block_on(watching);
     let joined = handle.join();
     let (Some(landed), Ok(())) = (landed, joined) else {
-        eprintln!(
-            "error: the loop's thread failed; the board zeroes its outputs by itself. Please report this"
-        );
+        eprintln!("error: {FAILED}");
+        not_flown(page, FAILED);
         return Ok(Exit::Stopped);
     };
-    finish(arguments, &rig, &mission, &port, &ready, landed, &output)
+    let (exit, outcome) = finish(arguments, &rig, &mission, &port, &ready, landed, &output)?;
+    if let Some(page) = page {
+        runtime.block_on(page.stay(outcome, signals.next()));
+    }
+    Ok(exit)
+}
+
+fn about(rig: &Rig, mission: &Mission) -> About {
+    About {
+        mode: "hil",
+        rig: rig.clone(),
+        mission: mission.clone(),
+        real_time: true,
+        views: rig.bench == Bench::Transmitter,
+        truth: rig.bench == Bench::Loopback,
+    }
+}
+
+/// The mission, as the operator wants it where there is a page; or why nothing is flown.
+fn started(
+    page: Option<&mut Page>,
+    runtime: &Runtime,
+    signals: &mut Signals,
+    mission: Mission,
+    checked: Vec<String>,
+) -> Result<Start, String> {
+    match page {
+        None => Ok(Start { mission, changes: Vec::new() }),
+        Some(page) => runtime.block_on(page.start(&mission, checked, signals.next())),
+    }
+}
+
+/// Tells the page, if there is one, that nothing is flown, and ends it.
+fn not_flown(page: Option<Page>, why: &str) {
+    if let Some(page) = page {
+        page.close(live::not_flown(why));
+    }
 }
 
 fn recorder(output: &Path, session: &Session) -> anyhow::Result<Recorder> {
@@ -177,28 +239,36 @@ fn recorder(output: &Path, session: &Session) -> anyhow::Result<Recorder> {
 /// Waits for the flight to end, with the screen and the signals.
 async fn watch(
     mut landed: oneshot::Receiver<Landed>,
-    mut live: Live,
+    mut shown: Screen,
+    page: Option<&Page>,
     signals: &mut Signals,
     stop: &AtomicBool,
     duration_s: f64,
 ) -> Option<Landed> {
-    let mut screen = tokio::time::interval(SCREEN);
-    live.begin(duration_s);
+    let mut flies = false;
+    let mut screen = tokio::time::interval(REDRAWN);
+    shown.begin(duration_s);
     loop {
         tokio::select! {
             landed = &mut landed => {
-                live.end();
+                shown.end();
                 return landed.ok();
             }
             name = signals.next() => {
                 if stop.swap(true, Ordering::Relaxed) {
-                    live.end();
+                    shown.end();
                     eprintln!("{name} again: leaving at once; the board zeroes its outputs by itself within 300 ms");
                     std::process::exit(Exit::Stopped as i32);
                 }
-                live.say(&format!("{name}: throttle to rest"));
+                shown.say(&format!("{name}: throttle to rest"));
             }
-            _ = screen.tick() => live.draw(),
+            _ = screen.tick() => {
+                let flew = flies;
+                flies = shown.draw();
+                if let Some(page) = page.filter(|_| flies && !flew) {
+                    page.stage(Stage::Flying);
+                }
+            }
         }
     }
 }
@@ -211,14 +281,14 @@ fn finish(
     ready: &Ready,
     landed: Landed,
     output: &Path,
-) -> anyhow::Result<Exit> {
+) -> anyhow::Result<(Exit, Outcome)> {
     let Landed { outcome, safe, counts, saw, recorder } = landed;
     let finished = recorder.finish();
     let flown = match outcome {
         Ok(flown) => flown,
         Err(error) => {
             eprintln!("error: not armed: {error}");
-            return Ok(Exit::Stopped);
+            return Ok((Exit::Stopped, live::not_flown(&format!("not armed: {error}"))));
         }
     };
     let report = Report {
@@ -239,6 +309,7 @@ fn finish(
         words::print(&report.in_words(&finished))?;
     }
     let exit = report.exit();
+    let outcome = report.outcome(&finished);
     let whole = match &finished {
         Ok(finished) if finished.dropped == 0 => true,
         Ok(finished) => {
@@ -260,7 +331,7 @@ fn finish(
         progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
     }
     // That a flight was stopped matters more than that records are missing.
-    Ok(if exit != Exit::Stopped && !whole { Exit::DataLoss } else { exit })
+    Ok((if exit != Exit::Stopped && !whole { Exit::DataLoss } else { exit }, outcome))
 }
 
 /// The rig with the effects that were asked for, if hardware can fly it.
@@ -284,7 +355,7 @@ fn with_effects(arguments: &Arguments, mut rig: Rig) -> anyhow::Result<Rig> {
         rig.effects.push(parse_effect(text)?);
     }
     for entry in &rig.effects {
-        if LIBRARY.iter().any(|spec| spec.name == entry.name && spec.stage == Stage::Loop) {
+        if LIBRARY.iter().any(|spec| spec.name == entry.name && spec.stage == effects::Stage::Loop) {
             bail!(
                 "{} acts on the loop's time, which is real here; leave it out, or slow the link down with `bench emulate psoc5`",
                 entry.name
@@ -352,30 +423,5 @@ fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str
         seed: Some(seed),
         extra: extra.map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
         ..Session::new(Mode::Hil)
-    }
-}
-
-/// The signals that end a flight: Ctrl-C, `kill`, a terminal that was closed.
-struct Signals {
-    interrupt: tokio::signal::unix::Signal,
-    terminate: tokio::signal::unix::Signal,
-    hang_up: tokio::signal::unix::Signal,
-}
-
-impl Signals {
-    fn catch() -> anyhow::Result<Self> {
-        Ok(Self {
-            interrupt: signal(SignalKind::interrupt())?,
-            terminate: signal(SignalKind::terminate())?,
-            hang_up: signal(SignalKind::hangup())?,
-        })
-    }
-
-    async fn next(&mut self) -> &'static str {
-        tokio::select! {
-            _ = self.interrupt.recv() => "Ctrl-C",
-            _ = self.terminate.recv() => "SIGTERM",
-            _ = self.hang_up.recv() => "SIGHUP",
-        }
     }
 }

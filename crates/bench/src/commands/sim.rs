@@ -1,21 +1,33 @@
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
 
 use anyhow::Context;
+use bench_device::Clock as _;
+use bench_kinect::KinectError;
 use bench_plant::effects::parse_effect;
-use bench_recording::{ExportOptions, Options, Recorder, export};
+use bench_recording::{ExportOptions, Finished, Options, Recorder, RecordingError, export};
 use bench_rig::{Mission, Model, Rig};
-use bench_run::{check, simulate, simulate_seen};
+use bench_run::{Directive, StopReason, Tee, WallClock, check, simulate, simulate_seen};
+use bench_view::{About, Stage};
 use clap::{Args, ValueEnum};
+use tokio::sync::mpsc;
 
 use crate::{
     arguments::{Force, Json, RigArgument},
     exit::Exit,
     files::{self, Form, Outputs},
     flight::Flight,
+    live::{self, Ends, LiveArguments, Page},
     progress::{self, Progress},
     recorded,
     seen::{self, Watch},
-    words,
+    signals, words,
 };
 
 /// Fly a mission in the virtual lab, as fast as it goes, and record it
@@ -25,8 +37,10 @@ use crate::{
   bench sim --mission hold-3d --seed 7 -o hold.mcap --export hold.xlsx
   bench sim --mission hop --effect battery-load:sag=0.05,time_constant_s=0.5 --json
   bench sim --frames --views views/
+  bench sim --live --realtime --frames
 
-The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
+With --live the flight is on a page in the browser, whose address is printed; docs/live.md tells
+what it shows and takes. The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
 mission's criteria were missed, 4 that a safety limit stopped the flight.")]
 pub struct Arguments {
     #[command(flatten)]
@@ -58,6 +72,11 @@ pub struct Arguments {
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
+    #[command(flatten)]
+    live: LiveArguments,
+    /// Fly by the wall clock instead of as fast as it goes
+    #[arg(long, requires = "live")]
+    realtime: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -99,34 +118,60 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.views.as_deref(), Form::Folder)
         .check()?;
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
+    let watched = Watched::open(arguments, &rig, &mission)?;
+    let Some((mut watched, mission, changes)) = started(watched, mission) else { return Ok(Exit::Stopped) };
     files::make_folder(&output)?;
 
     let mut session = recorded::simulated_session(&nominal, &added, &mission, arguments.seed);
     if arguments.frames {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }
-    let mut recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
+    recorded::note_changes(&mut session, &changes);
+    let recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
+    let (watcher, mut controls) = watched
+        .as_mut()
+        .and_then(|watched| watched.ends.take())
+        .map(|ends| (ends.watcher, ends.controls))
+        .unzip();
+    let mut sink = Tee::new(recorder, watcher);
+    let mut frames = match (&watched, calibration) {
+        (Some(watched), Some(calibration)) => Some(watched.page.frames(calibration)?),
+        _ => None,
+    };
     let progress = Progress::of("sim");
     progress.begin("flying", mission.duration_s(), "s of flight");
     let began = Instant::now();
+    let mut pace = arguments.realtime.then(WallClock::start);
     let mut iterations = 0_u32;
     let each = |flown: &bench_run::Progress| {
         iterations += 1;
-        if iterations.is_multiple_of(50) {
+        if arguments.realtime || iterations.is_multiple_of(50) {
             progress.at(flown.now.seconds());
             progress.doing(&format!("{} at {:.2} m", flown.phase, flown.altitude_m));
         }
-        true
+        if let Some(clock) = &mut pace {
+            // A clock that fails does not wait, which costs the pace alone.
+            let _ = clock.wait_until(flown.now.shifted(rig.control_loop.period_s));
+        }
+        if watched.as_ref().is_some_and(|watched| watched.stop.load(Ordering::Relaxed)) {
+            return Directive::Stop(StopReason::Asked);
+        }
+        live::directive(controls.as_mut())
     };
     let flown = match calibration {
-        None => simulate(&rig, &mission, arguments.seed, &mut recorder, each)?,
+        None => simulate(&rig, &mission, arguments.seed, &mut sink, each)?,
         Some(calibration) => {
-            let look = |frame: &_, tracker: &_, sighting: &_| watch.see(frame, tracker, sighting);
+            let look = |frame: &_, tracker: &_, sighting: &_| {
+                watch.see(frame, tracker, sighting);
+                if let Some(frames) = &mut frames {
+                    frames.see(frame, tracker, sighting);
+                }
+            };
             let see = |exposures| seen::tracker(exposures, calibration, &rig, arguments.seed, look);
-            simulate_seen(&rig, &mission, arguments.seed, see, &mut recorder, each)?
+            simulate_seen(&rig, &mission, arguments.seed, see, &mut sink, each)?
         }
     };
-    let finished = recorder.finish();
+    let finished = sink.into_inner().finish();
     let took = began.elapsed();
     drop(progress);
 
@@ -139,33 +184,113 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         checks: &checks,
         watch: arguments.frames.then_some(&watch),
     };
-    if arguments.json.json {
-        words::print_json(&flight.as_json("bench.sim/1", &finished))?;
-    } else {
-        let duration_s = flown.summary.duration_s;
-        let head = format!(
-            "{}: {duration_s:.1} s flown in {:.0} ms ({} x real time)\n",
-            flight.name(),
-            took.as_secs_f64() * 1e3,
-            words::grouped((duration_s / took.as_secs_f64()) as u64)
-        );
-        words::print(&(head + &flight.in_words(&finished)))?;
+    tell(arguments, &flight, &finished, took)?;
+    let outcome = flight.outcome(flight.in_words(&finished));
+    let exit = keep(arguments, &output, finished, watch.failed())?.unwrap_or_else(|| flight.exit());
+    if let Some(watched) = watched {
+        let Watched { page, runtime, mut interrupts, .. } = watched;
+        runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));
     }
+    Ok(exit)
+}
+
+/// What the flight came to, on standard output.
+fn tell(
+    arguments: &Arguments,
+    flight: &Flight<'_>,
+    finished: &Result<Finished, RecordingError>,
+    took: Duration,
+) -> anyhow::Result<()> {
+    if arguments.json.json {
+        return words::print_json(&flight.as_json("bench.sim/1", finished));
+    }
+    let duration_s = flight.flown.summary.duration_s;
+    let pace = if arguments.realtime {
+        "in real time".to_owned()
+    } else {
+        let times = words::grouped((duration_s / took.as_secs_f64()) as u64);
+        format!("in {:.0} ms ({times} x real time)", took.as_secs_f64() * 1e3)
+    };
+    let head = format!("{}: {duration_s:.1} s flown {pace}\n", flight.name());
+    words::print(&(head + &flight.in_words(finished)))
+}
+
+/// Writes the table, if one is wanted; another exit code than the flight's when something is missing.
+fn keep(
+    arguments: &Arguments,
+    output: &Path,
+    finished: Result<Finished, RecordingError>,
+    views: Option<&KinectError>,
+) -> anyhow::Result<Option<Exit>> {
     if let Err(error) = finished {
         eprintln!("error: the flight was simulated, but not all of it recorded: {error}");
-        return Ok(Exit::DataLoss);
+        return Ok(Some(Exit::DataLoss));
     }
-    if let Some(error) = watch.failed() {
+    if let Some(error) = views {
         eprintln!("error: the flight is recorded, but not all views were drawn: {error}");
-        return Ok(Exit::DataLoss);
+        return Ok(Some(Exit::DataLoss));
     }
     if let Some(table) = &arguments.export {
         files::make_folder(table)?;
-        let exported = export(&output, table, &ExportOptions::default())
+        let exported = export(output, table, &ExportOptions::default())
             .with_context(|| format!("cannot export to {}", table.display()))?;
         progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
     }
-    Ok(flight.exit())
+    Ok(None)
+}
+
+/// A simulation that somebody watches.
+struct Watched {
+    page: Page,
+    /// Until the flight takes them.
+    ends: Option<Ends>,
+    stop: Arc<AtomicBool>,
+    runtime: tokio::runtime::Runtime,
+    interrupts: mpsc::UnboundedReceiver<&'static str>,
+}
+
+impl Watched {
+    fn open(arguments: &Arguments, rig: &Rig, mission: &Mission) -> anyhow::Result<Option<Self>> {
+        let about = || About {
+            mode: "sim",
+            rig: rig.clone(),
+            mission: mission.clone(),
+            real_time: arguments.realtime,
+            views: arguments.frames,
+            truth: true,
+        };
+        let Some((page, ends)) = arguments.live.open(about)? else { return Ok(None) };
+        let stop = Arc::new(AtomicBool::new(false));
+        let interrupts = signals::heed(Arc::clone(&stop))?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        Ok(Some(Self { page, ends: Some(ends), stop, runtime, interrupts }))
+    }
+}
+
+/// A mission on its way into the air, with who watches it and what the operator changed.
+type Started = (Option<Watched>, Mission, Vec<String>);
+
+/// Waits for START where somebody watches; `None` when nothing is to be flown.
+fn started(watched: Option<Watched>, mission: Mission) -> Option<Started> {
+    let Some(mut watched) = watched else { return Some((None, mission, Vec::new())) };
+    let Watched { page, runtime, interrupts, .. } = &mut watched;
+    let checked = vec!["airframe, tracker and outputs are simulated".to_owned()];
+    match runtime.block_on(page.start(&mission, checked, interrupted(interrupts))) {
+        Ok(start) => {
+            page.stage(Stage::Flying);
+            Some((Some(watched), start.mission, start.changes))
+        }
+        Err(why) => {
+            eprintln!("not flown: {why}");
+            watched.page.close(live::not_flown(&why));
+            None
+        }
+    }
+}
+
+async fn interrupted(interrupts: &mut mpsc::UnboundedReceiver<&'static str>) -> &'static str {
+    // The thread that tells lives as long as the program.
+    interrupts.recv().await.unwrap_or("interrupted")
 }
 
 /// Named after all that tells this simulation from others.

@@ -9,22 +9,26 @@ use std::{
 };
 
 use bench_dac::{Calibration, DacError, Identity, LinkCounts, Psoc5, Safe};
-use bench_device::{Clock, DeviceError, PositionSource, VoltageOutput};
+use bench_device::{Clock, DeviceError, PositionSample, PositionSource, Time, VoltageOutput};
 use bench_kinect::{
     Frame, TrackedFrames,
     track::{Sighting, Tracker},
     usb::{self, Blocks, DriverError, Kinect, Settings, Statistics, Wanted},
 };
-use bench_recording::{Event, EventText, Level, Recorder};
+use bench_recording::{Event, EventText, Level, Record, Recorder};
 use bench_rig::{Bench, Calibration as CameraCalibration, Mission, Rig};
 use bench_run::{
-    Ending, Flown, Granted, Loopback, LoopbackOutput, Progress, WallClock, await_marker, drain_truth,
-    fly_guarded,
+    Directive, Ending, Flown, Granted, Loopback, LoopbackOutput, Progress, Sink as _, StopReason, Tee,
+    WallClock, await_marker, drain_truth, fly_guarded,
 };
+use bench_view::{Controls, Frames};
 use rtrb::Producer;
 use tokio::sync::oneshot;
 
-use crate::seen::Watch;
+use crate::{
+    live::{Ends, directive},
+    seen::Watch,
+};
 
 /// How long the tracker may take to see the marker before arming, s.
 const MARKER_PATIENCE_S: f64 = 3.0;
@@ -37,12 +41,20 @@ const ZERO_PATIENCE: Duration = Duration::from_millis(500);
 pub struct LoopThread {
     pub port: String,
     pub rig: Rig,
-    pub mission: Mission,
     pub seed: u64,
     /// How a real airframe is seen; `None` where it is virtual.
     pub seeing: Option<Seeing>,
+    /// Where its frames are shown, and what else the live page has of the flight.
+    pub frames: Option<Frames>,
+    pub ends: Option<Ends>,
     pub stop: Arc<AtomicBool>,
     pub progress: Producer<Progress>,
+}
+
+/// What is flown, and what the page asks of it meanwhile.
+struct Flies {
+    mission: Mission,
+    controls: Option<Controls>,
 }
 
 /// Which Kinect sees the airframe, and how.
@@ -79,6 +91,19 @@ pub struct Ready {
     pub sees: Option<Sees>,
 }
 
+impl Ready {
+    /// What was checked, a line each.
+    pub fn in_words(&self, port: &str) -> Vec<String> {
+        let checked =
+            if self.sees.is_some() { "in the board's memory, outputs checked at zero" } else { "measured" };
+        let board = [
+            format!("{port}: {}; {}", self.identity, self.granted),
+            format!("loop from outputs to inputs, {checked}: {}", self.calibration),
+        ];
+        board.into_iter().chain(self.sees.as_ref().map(ToString::to_string)).collect()
+    }
+}
+
 /// Why a device is not ready.
 #[derive(Debug)]
 pub enum NotReady {
@@ -97,7 +122,7 @@ impl std::fmt::Display for NotReady {
 
 /// What the loop's thread is told next.
 pub enum Order {
-    Fly(Recorder),
+    Fly(Recorder, Mission),
 }
 
 /// The flight is over, and the throttle at rest.
@@ -162,43 +187,68 @@ impl LoopThread {
                 return;
             }
         };
-        let Ok(Order::Fly(mut recorder)) = orders.recv() else { return };
+        let Some((kinect, seeing)) = kinect.zip(self.seeing.take()) else {
+            let Ok(order) = orders.recv() else { return };
+            let (mut flies, mut sink) = self.take_order(order);
+            let outcome = self.fly_virtual(WallClock::start(), &mut board, &mut flies, &mut sink);
+            let safe = make_safe(&mut board, &outcome);
+            let counts = board.counts();
+            let _ = landed.send(Landed { outcome, safe, counts, saw: None, recorder: sink.into_inner() });
+            return;
+        };
+        // Who has a page sees the scene before START; without one the frames begin with the flight.
+        let watches = self.ends.is_some();
+        let mut order = None;
+        if !watches {
+            let Ok(given) = orders.recv() else { return };
+            order = Some(given);
+        }
         let clock = WallClock::start();
-        let mut saw = None;
         let watched = RefCell::new(Watch::default());
-        let (outcome, safe) = match kinect.zip(self.seeing.take()) {
-            None => {
-                let outcome = self.fly_virtual(clock, &mut board, &mut recorder);
-                let safe = make_safe(&mut board, &outcome);
-                (outcome, safe)
+        let mut frames = self.frames.take();
+        let watch = |frame: &Frame, tracker: &Tracker, sighting: &Sighting| {
+            watched.borrow_mut().see(frame, tracker, sighting);
+            if let Some(frames) = &mut frames {
+                frames.see(frame, tracker, sighting);
             }
-            Some((kinect, seeing)) => match kinect.stream(seeing.settings, move || clock.now()) {
-                Ok(streaming) => {
-                    let watch = |frame: &Frame, tracker: &Tracker, sighting: &Sighting| {
-                        watched.borrow_mut().see(frame, tracker, sighting);
-                    };
-                    let latency_s = self.rig.tracker.latency_s.value;
-                    let tracker = Tracker::new(&seeing.calibration);
-                    let mut tracker = TrackedFrames::new(streaming, tracker, latency_s, watch);
-                    let outcome =
-                        self.fly(clock, &mut board, &mut tracker, &mut recorder, Psoc5::arm, |_| {});
-                    // Before the Kinect is closed, which may take its time.
-                    let safe = make_safe(&mut board, &outcome);
-                    let statistics = tracker.frames().statistics();
-                    drop(tracker);
-                    let watch = watched.take();
-                    saw = Some(Saw { statistics, watch });
-                    (outcome, safe)
-                }
-                Err(error) => {
-                    let outcome = Err(NotArmed::Kinect(error));
-                    let safe = make_safe(&mut board, &outcome);
-                    (outcome, safe)
-                }
-            },
+        };
+        let latency_s = self.rig.tracker.latency_s.value;
+        let streaming = kinect.stream(seeing.settings, move || clock.now());
+        let mut tracker = streaming.map(|streaming| {
+            TrackedFrames::new(streaming, Tracker::new(&seeing.calibration), latency_s, watch)
+        });
+        if order.is_none() {
+            order = look_until_ordered(clock, tracker.as_mut().ok(), orders);
+        }
+        let Some(order) = order else { return };
+        let (mut flies, mut sink) = self.take_order(order);
+        let (outcome, safe, saw) = match tracker {
+            Ok(mut tracker) => {
+                // What was seen before START is no part of the flight, whose time begins here.
+                watched.take();
+                let mut since = Since { origin: clock.now(), source: &mut tracker };
+                let ends = (&mut board, &mut since);
+                let outcome = self.fly(WallClock::start(), ends, &mut flies, &mut sink, Psoc5::arm, |_| {});
+                // Before the Kinect is closed, which may take its time.
+                let safe = make_safe(&mut board, &outcome);
+                let statistics = tracker.frames().statistics();
+                drop(tracker);
+                (outcome, safe, Some(Saw { statistics, watch: watched.take() }))
+            }
+            Err(error) => {
+                let outcome = Err(NotArmed::Kinect(error));
+                let safe = make_safe(&mut board, &outcome);
+                (outcome, safe, None)
+            }
         };
         let counts = board.counts();
-        let _ = landed.send(Landed { outcome, safe, counts, saw, recorder });
+        let _ = landed.send(Landed { outcome, safe, counts, saw, recorder: sink.into_inner() });
+    }
+
+    /// What a flight needs of an order, and of the page.
+    fn take_order(&mut self, Order::Fly(recorder, mission): Order) -> (Flies, Tee<Recorder>) {
+        let (watcher, controls) = self.ends.take().map(|ends| (ends.watcher, ends.controls)).unzip();
+        (Flies { mission, controls }, Tee::new(recorder, watcher))
     }
 
     /// Kinect first: it moves nothing.
@@ -219,46 +269,91 @@ impl LoopThread {
         &mut self,
         clock: WallClock,
         board: &mut Psoc5,
-        recorder: &mut Recorder,
+        flies: &mut Flies,
+        sink: &mut Tee<Recorder>,
     ) -> Result<Flown, NotArmed> {
         let lab = Loopback::new(&self.rig, self.seed, clock).map_err(NotArmed::Effects)?;
         let (mut output, mut tracker) = lab.ends(board);
         let world = output.world();
         let arm = |output: &mut LoopbackOutput<'_, Psoc5>| output.inner().arm();
-        self.fly(clock, &mut output, &mut tracker, recorder, arm, |recorder| drain_truth(&world, recorder))
+        self.fly(clock, (&mut output, &mut tracker), flies, sink, arm, |sink| drain_truth(&world, sink))
     }
 
     /// Waits for the marker, arms, flies; `each` is called every iteration.
     fn fly<V: VoltageOutput>(
         &mut self,
         mut clock: WallClock,
-        output: &mut V,
-        tracker: &mut impl PositionSource,
-        recorder: &mut Recorder,
+        (output, tracker): (&mut V, &mut impl PositionSource),
+        flies: &mut Flies,
+        sink: &mut Tee<Recorder>,
         arm: impl FnOnce(&mut V) -> Result<(), DacError>,
-        mut each: impl FnMut(&mut Recorder),
+        mut each: impl FnMut(&mut Tee<Recorder>),
     ) -> Result<Flown, NotArmed> {
         let seen = await_marker(&mut clock, tracker, MARKER_PATIENCE_S).map_err(NotArmed::Tracker)?;
         if !seen {
             return Err(NotArmed::NoMarker);
         }
-        if self.stop.load(Ordering::Relaxed) {
+        let pressed = flies.controls.as_ref().is_some_and(Controls::stopped);
+        if pressed || self.stop.load(Ordering::Relaxed) {
             return Err(NotArmed::Stopped);
         }
         arm(output).map_err(NotArmed::Board)?;
-        recorder.record(Event {
-            time: clock.now(),
-            level: Level::Info,
-            text: EventText::from("armed").unwrap_or_default(),
-        });
+        let text = EventText::from("armed").unwrap_or_default();
+        sink.take(Record::Event(Event { time: clock.now(), level: Level::Info, text }));
         let (stop, progress) = (&self.stop, &mut self.progress);
         let ends = (&mut clock, output, tracker);
-        Ok(fly_guarded(ends, &self.rig, &self.mission, recorder, |now, recorder| {
-            each(recorder);
+        Ok(fly_guarded(ends, &self.rig, &flies.mission, sink, |now, sink| {
+            each(sink);
             // A screen that is behind misses an iteration.
             let _ = progress.push(*now);
-            !stop.load(Ordering::Relaxed)
+            if stop.load(Ordering::Relaxed) {
+                return Directive::Stop(StopReason::Asked);
+            }
+            directive(flies.controls.as_mut())
         }))
+    }
+}
+
+/// Positions in the time of a clock that began at `origin` of the source's.
+struct Since<'a, P> {
+    origin: Time,
+    source: &'a mut P,
+}
+
+impl<P: PositionSource> PositionSource for Since<'_, P> {
+    fn poll(&mut self) -> Result<Option<PositionSample>, DeviceError> {
+        let since = |time: Time| Time::from_nanos(time.nanos().saturating_sub(self.origin.nanos()));
+        let sample = self.source.poll()?;
+        Ok(sample.map(|sample| PositionSample {
+            exposed_at: since(sample.exposed_at),
+            arrived_at: since(sample.arrived_at),
+            ..sample
+        }))
+    }
+}
+
+/// How often frames are looked at before START, s.
+const LOOKS_S: f64 = 0.01;
+
+/// Has frames tracked, and so shown, until there is an order; `None` when none will come. A Kinect that fails meanwhile fails again when it
+/// is to fly, where it is told.
+fn look_until_ordered(
+    mut clock: WallClock,
+    tracker: Option<&mut impl PositionSource>,
+    orders: &mpsc::Receiver<Order>,
+) -> Option<Order> {
+    let Some(tracker) = tracker else { return orders.recv().ok() };
+    loop {
+        match orders.try_recv() {
+            Ok(order) => return Some(order),
+            Err(mpsc::TryRecvError::Disconnected) => return None,
+            Err(mpsc::TryRecvError::Empty) => {}
+        }
+        while tracker.poll().is_ok_and(|sample| sample.is_some()) {}
+        let next = clock.now().shifted(LOOKS_S);
+        if clock.wait_until(next).is_err() {
+            return orders.recv().ok();
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use bench_dac::{LinkCounts, Safe};
 use bench_recording::{Finished, RecordingError};
 use bench_rig::{Mission, Rig};
 use bench_run::{Check, Flown, Percentiles};
+use bench_view::Outcome;
 use serde_json::{Value, json};
 
 use super::loop_thread::{Ready, Saw};
@@ -32,6 +33,12 @@ impl Report<'_> {
     /// A flight whose outputs nobody saw at zero in the end was no success.
     pub fn exit(&self) -> Exit {
         if matches!(self.safe, Safe::Unconfirmed(_)) { Exit::Stopped } else { self.flight().exit() }
+    }
+
+    /// The flight as the live page tells it.
+    pub fn outcome(&self, finished: &Result<Finished, RecordingError>) -> Outcome {
+        let outcome = self.flight().outcome(self.in_words(finished));
+        Outcome { passed: self.exit() == Exit::Done, ..outcome }
     }
 
     pub fn in_words(&self, finished: &Result<Finished, RecordingError>) -> String {

@@ -7,7 +7,7 @@ use crate::progress;
 const QUEUE: usize = 1024;
 
 /// The line on the terminal that tells how the flight goes.
-pub struct Live {
+pub struct Screen {
     progress: Consumer<Progress>,
     /// While it flies.
     line: Option<progress::Progress>,
@@ -17,7 +17,7 @@ pub struct Live {
     unanswered: u64,
 }
 
-impl Live {
+impl Screen {
     /// The line, and the end of the queue that the loop feeds.
     pub fn new() -> (Producer<Progress>, Self) {
         let (producer, progress) = RingBuffer::new(QUEUE);
@@ -30,14 +30,14 @@ impl Live {
         self.line = Some(line);
     }
 
-    /// Takes what has come from the loop, and shows the latest.
-    pub fn draw(&mut self) {
+    /// Takes what has come from the loop, and shows the latest; whether anything has come yet.
+    pub fn draw(&mut self) -> bool {
         while let Ok(progress) = self.progress.pop() {
             self.lateness_s = self.lateness_s.max(progress.lateness_s);
             self.unanswered += u64::from(progress.round_trip_s.is_none());
             self.last = Some(progress);
         }
-        let (Some(now), Some(line)) = (&self.last, &self.line) else { return };
+        let (Some(now), Some(line)) = (&self.last, &self.line) else { return false };
         line.at(now.now.seconds());
         let trip = now.round_trip_s.map_or("none".to_owned(), |s| format!("{:.2} ms", s * 1e3));
         line.doing(&format!(
@@ -48,6 +48,7 @@ impl Live {
             self.lateness_s * 1e3,
             self.unanswered
         ));
+        true
     }
 
     /// A line that stays.

@@ -1,0 +1,191 @@
+//! `--live`: flights that are started, changed and stopped over the page's own connection. What a browser makes of it is in tests/browser.
+
+use std::{
+    io::{BufRead, BufReader},
+    net::TcpStream,
+    process::{Child, Command, Stdio},
+};
+
+use bench_recording::Flight;
+use serde_json::{Value, json};
+use tungstenite::{ClientRequestBuilder, Message, WebSocket};
+
+use crate::{
+    hil::{Emulated, short_mission},
+    support::{Scratch, bench, json as printed, refused, root},
+};
+
+/// `bench` with a live page.
+struct Bench {
+    process: Child,
+    words: BufReader<std::process::ChildStderr>,
+    url: String,
+}
+
+impl Bench {
+    fn start(arguments: &[&str]) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
+            .current_dir(root())
+            .args(arguments)
+            .args(["--live", "--listen", "127.0.0.1:0", "--json"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut words = BufReader::new(process.stderr.take().unwrap());
+        let url = loop {
+            let mut line = String::new();
+            assert!(words.read_line(&mut line).unwrap() > 0, "it ended before it told its address");
+            if let Some(url) = line.strip_prefix("live page: ") {
+                break url.trim().to_owned();
+            }
+        };
+        Self { process, words, url }
+    }
+
+    fn browser(&self) -> Browser {
+        let (host, token) = self.url.trim_start_matches("http://").split_once("/#").unwrap();
+        let request = ClientRequestBuilder::new(format!("ws://{host}/live").parse().unwrap())
+            .with_header("Origin", format!("http://{host}"));
+        let stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
+        let mut browser = Browser(tungstenite::client(request, stream).unwrap().0);
+        browser.say(&json!({ "token": token }));
+        browser
+    }
+
+    /// Exit code, and what was printed.
+    fn end(mut self) -> (Option<i32>, Value) {
+        let printed = serde_json::from_reader(self.process.stdout.take().unwrap()).unwrap();
+        std::io::copy(&mut self.words, &mut std::io::sink()).unwrap();
+        (self.process.wait().unwrap().code(), printed)
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+struct Browser(WebSocket<TcpStream>);
+
+impl Browser {
+    fn say(&mut self, value: &Value) {
+        self.0.send(Message::text(value.to_string())).unwrap();
+    }
+
+    fn hear(&mut self, wanted: impl Fn(&Value) -> bool) -> Value {
+        loop {
+            let Message::Text(text) = self.0.read().unwrap() else { continue };
+            let value = serde_json::from_str(&text).unwrap();
+            if wanted(&value) {
+                return value;
+            }
+        }
+    }
+
+    fn stage(&mut self, stage: &str) -> Value {
+        self.hear(|value| value["stage"] == stage)
+    }
+}
+
+#[test]
+fn a_loopback_flight_is_started_changed_and_stopped_from_the_page() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.name("hil.mcap");
+    let bench = Bench::start(&["hil", "--port", &board.port, "--mission", &mission, "-o", &recording]);
+    let mut browser = bench.browser();
+    let waiting = browser.stage("waiting");
+    assert!(
+        waiting["checked"][1].as_str().unwrap().starts_with("loop from outputs to inputs, measured"),
+        "{waiting}"
+    );
+    // One who reads nothing costs the recording nothing.
+    let stalled = bench.browser();
+    browser.say(&json!({ "command": "start", "altitude_m": 0.5, "flight_time_s": 20.0 }));
+    browser.stage("flying");
+    browser
+        .hear(|value| value["control"].as_array().is_some_and(|rows| rows.iter().any(|row| row[4] == 0.5)));
+    browser.say(&json!({ "command": "altitude", "altitude_m": 0.7 }));
+    browser
+        .hear(|value| value["control"].as_array().is_some_and(|rows| rows.iter().any(|row| row[4] == 0.7)));
+    browser.say(&json!({ "command": "stop" }));
+    let landed = browser.stage("landed");
+    assert_eq!(landed["headline"], "Stopped: STOP was pressed on the live page");
+    assert!(landed["words"].as_str().unwrap().contains("outputs seen at zero"));
+    browser.say(&json!({ "command": "end" }));
+    let (code, report) = bench.end();
+    drop(stalled);
+    assert_eq!(
+        (code, &report["ending"], &report["outputs_at_zero"]["confirmed"]),
+        (Some(4), &"stopped".into(), &true.into())
+    );
+
+    let info = printed(&bench_info(&recording));
+    assert_eq!(info["mode"], "hil");
+    let flight = Flight::load(&recording).unwrap();
+    assert!(flight.mission_toml().unwrap().contains("altitude_m = 0.5"));
+    assert_eq!(flight.session.extra["mission_changes"], "altitude 0.5 m; flight time 20 s");
+    // Every iteration is in the recording.
+    assert_eq!(flight.ticks.len() as u64, report["summary"]["ticks"].as_u64().unwrap());
+    let told =
+        |text: &str| flight.events.iter().find(|event| event.text.starts_with(text)).map(|event| event.time);
+    assert!(told("armed").is_some() && told("asked to hold 0.700 m").is_some());
+    let stopped = told("stopped: STOP was pressed").unwrap();
+    let rest = flight.commands[0].sticks;
+    let pressed_in = flight.ticks.iter().position(|tick| tick.started == stopped).unwrap();
+    assert_ne!(flight.commands[pressed_in].sticks, rest);
+    assert!(flight.commands[pressed_in + 1..].iter().all(|command| command.sticks == rest));
+}
+
+fn bench_info(recording: &str) -> assert_cmd::assert::Assert {
+    bench(["info", recording, "--json"]).assert().success()
+}
+
+#[test]
+fn without_a_change_a_watched_simulation_is_recorded_to_the_same_bytes() {
+    let scratch = Scratch::new();
+    let (plain, watched) = (scratch.fly("plain.mcap", &[]), scratch.name("watched.mcap"));
+    let bench = Bench::start(&["sim", "-o", &watched]);
+    let mut browser = bench.browser();
+    browser.stage("waiting");
+    browser.say(&json!({ "command": "start" }));
+    browser.stage("landed");
+    browser.say(&json!({ "command": "end" }));
+    assert_eq!(bench.end().0, Some(0));
+    assert_eq!(std::fs::read(plain).unwrap(), std::fs::read(watched).unwrap());
+    // With --autostart nobody is waited for, before or after.
+    let again = scratch.name("again.mcap");
+    let (code, report) = Bench::start(&["sim", "--autostart", "-o", &again]).end();
+    assert_eq!((code, &report["passed"]), (Some(0), &true.into()));
+}
+
+#[test]
+fn ctrl_c_before_start_flies_nothing() {
+    let scratch = Scratch::new();
+    let recording = scratch.path("never.mcap");
+    let mut bench = Bench::start(&["sim", "-o", recording.to_str().unwrap()]);
+    let mut browser = bench.browser();
+    browser.stage("waiting");
+    let id = bench.process.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    assert_eq!(browser.stage("closed")["headline"], "Not flown: Ctrl-C");
+    assert_eq!(bench.process.wait().unwrap().code(), Some(4));
+    assert!(!recording.exists());
+}
+
+#[test]
+fn a_port_that_is_taken_is_told_with_what_to_do() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let scratch = Scratch::new();
+    let words = refused(bench(["sim", "--live", "--listen", &address, "-o", &scratch.name("a.mcap")]), 2);
+    assert!(
+        words.contains(&address) && words.contains("--listen 127.0.0.1:8081") && words.contains("in use"),
+        "{words}"
+    );
+}
