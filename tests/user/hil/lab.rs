@@ -216,3 +216,27 @@ fn usb_kinect_that_is_unplugged_in_flight_stops_it_with_the_throttle_at_rest() {
     );
     assert!(!scratch.path("second.mcap").exists());
 }
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_is_flown_with_a_live_page_in_the_time_of_the_flight() {
+    let scratch = Scratch::new();
+    run(
+        &scratch,
+        "",
+        "ip link set lo up || ifconfig lo 127.0.0.1 up
+        $hil --live --autostart --listen 127.0.0.1:0 --mission hop -o $work/hop.mcap > $work/hop.json 2> $work/hop.words
+        [ $? -le 1 ] || { cat $work/hop.words $work/hop.json; exit 2; }",
+    );
+    let report = report(&scratch, "hop.json");
+    assert_eq!(report["ending"], "complete", "{report}");
+    assert!(report["tracking"]["found"].as_f64() > Some(100.0), "{report}");
+    // The Kinect streamed before the flight began, which nothing of the recording's times shows.
+    let flight = bench_recording::Flight::load(scratch.path("hop.mcap")).unwrap();
+    assert!(flight.ticks[0].started.seconds() < 3.5, "{:?}", flight.ticks[0]);
+    let newest =
+        flight.positions.iter().rfind(|sample| sample.arrived_at <= flight.ticks[50].started).unwrap();
+    let behind_s = flight.ticks[50].started.since_s(newest.arrived_at);
+    assert!(behind_s < 0.3, "{behind_s} s");
+    assert!(newest.arrived_at.since_s(newest.exposed_at) > 0.0);
+}
