@@ -16,6 +16,7 @@ mod library;
 mod model_page;
 mod progress;
 mod recorded;
+mod recorded_views;
 mod repeats;
 mod schema;
 mod seen;
