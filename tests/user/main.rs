@@ -24,4 +24,5 @@ mod schema;
 mod sim;
 mod support;
 mod tune;
+mod viewing;
 mod wrong;

@@ -17,6 +17,7 @@ mod live;
 mod model_page;
 mod progress;
 mod recorded;
+mod recorded_views;
 mod repeats;
 mod report;
 mod schema;

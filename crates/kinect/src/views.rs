@@ -45,24 +45,29 @@ pub struct Views {
 impl Views {
     /// Draws a frame that the tracker has just looked at.
     pub fn new(frame: &Frame, tracker: &Tracker, sighting: &Sighting) -> Result<Self, KinectError> {
-        Self::draw(frame, tracker.camera(), tracker.candidates(), sighting)
+        Self::draw([const { Vec::new() }; 3], frame, tracker.camera(), tracker.candidates(), sighting)
     }
 
-    /// The same where the tracker is elsewhere: by its camera, and by the candidates that it had for this frame.
+    /// The same into the memory of views that are no longer wanted, and where the tracker is elsewhere: by its camera, and by the
+    /// candidates that it had for this frame.
     pub fn draw(
+        buffers: [Vec<u8>; 3],
         frame: &Frame,
         camera: &Camera,
         candidates: &[Candidate],
         sighting: &Sighting,
     ) -> Result<Self, KinectError> {
-        let mut full = Image(vec![0; PIXELS * 3]);
+        let [mut full, mut red, mut depth] = buffers.map(|mut buffer| {
+            buffer.clear();
+            buffer.resize(PIXELS * 3, 0);
+            Image(buffer)
+        });
         demosaic(&frame.colour, &mut full.0)?;
         for pixel in (0..PIXELS).filter(|pixel| !frame.colour_valid.received(*pixel)) {
             full.set(pixel % WIDTH, pixel / WIDTH, LOST);
         }
-        let mut red = Image(full.0.clone());
+        red.0.copy_from_slice(&full.0);
         red.keep_red(frame);
-        let mut depth = Image(vec![0; PIXELS * 3]);
         depth.paint_depth(frame, camera);
         for candidate in candidates {
             let (colour, blob) = (colour_of(candidate), &candidate.blob);
@@ -114,6 +119,11 @@ impl Image {
     pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
         let at = (y * WIDTH + x) * 3;
         [self.0[at], self.0[at + 1], self.0[at + 2]]
+    }
+
+    /// Red, green, blue of each pixel, row by row.
+    pub fn into_rgb(self) -> Vec<u8> {
+        self.0
     }
 
     fn set(&mut self, x: usize, y: usize, colour: Rgb) {

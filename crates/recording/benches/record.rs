@@ -11,6 +11,7 @@ use std::{
 use bench_device::{PositionSample, Readback, Sticks, Time, TrackStatus};
 use bench_recording::{
     Command, ControlState, Mode, Options, ReadbackAt, Record, Recorder, Recording, Session, Tick, Truth,
+    View, ViewerChannel,
 };
 use divan::{Bencher, counter::ItemsCount};
 use tempfile::{TempDir, tempdir};
@@ -75,28 +76,59 @@ fn recorder(folder: &TempDir, options: Options) -> Recorder {
     Recorder::create(path, &Session::new(Mode::Sim), options).unwrap()
 }
 
-/// `record` at the pace of a loop, one record each 100 us.
+/// `record` at the pace of a loop, one record each 100 us; without views and with three of them each 1000 records, which the writer
+/// compresses meanwhile.
 fn print_percentiles() {
-    let folder = tempdir().unwrap();
-    let mut recorder = recorder(&folder, Options::REAL_TIME);
-    let mut costs: Vec<Duration> = Vec::new();
-    for record in flight().into_iter().cycle().take(20_000) {
-        let begun = Instant::now();
-        recorder.record(black_box(record));
-        costs.push(begun.elapsed());
-        std::thread::sleep(Duration::from_micros(100));
+    for with_views in [false, true] {
+        let folder = tempdir().unwrap();
+        let mut recorder = recorder(&folder, Options::REAL_TIME);
+        let mut images = recorder.images().unwrap();
+        let (mut costs, mut view_costs) = (Vec::new(), Vec::new());
+        for (i, record) in flight().into_iter().cycle().take(20_000).enumerate() {
+            if with_views && i % 1000 == 0 {
+                for channel in [ViewerChannel::Full, ViewerChannel::Red, ViewerChannel::Depth] {
+                    let view = view(channel, record.time(), images.buffer());
+                    let begun = Instant::now();
+                    images.give(black_box(view));
+                    view_costs.push(begun.elapsed());
+                }
+            }
+            let begun = Instant::now();
+            recorder.record(black_box(record));
+            costs.push(begun.elapsed());
+            std::thread::sleep(Duration::from_micros(100));
+        }
+        let finished = recorder.finish().unwrap();
+        println!("record, one each 100 us{}: {}", if with_views { ", with views" } else { "" }, words(costs));
+        if with_views {
+            println!("a view handed over: {}; {} dropped", words(view_costs), finished.dropped_views);
+        }
     }
-    recorder.finish().unwrap();
+}
+
+fn words(mut costs: Vec<Duration>) -> String {
     costs.sort();
     let at = |share: f64| costs[((costs.len() - 1) as f64 * share) as usize];
-    println!(
-        "record, one each 100 us: p50 {:?}, p99 {:?}, p99.9 {:?}, max {:?} ({} records)",
+    format!(
+        "p50 {:?}, p99 {:?}, p99.9 {:?}, max {:?} ({})",
         at(0.5),
         at(0.99),
         at(0.999),
         at(1.0),
         costs.len()
-    );
+    )
+}
+
+/// A Kinect's image that compresses as badly as a real one: noise on a gradient.
+fn view(channel: ViewerChannel, at: Time, mut rgb: Vec<u8>) -> View {
+    let size = [640, 480];
+    let mut state = at.nanos() | 1;
+    rgb.clear();
+    rgb.extend((0..3 * size[0] * size[1]).map(|i| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (i / 7680) as u8 + (state >> 62) as u8
+    }));
+    View { channel, exposed_at: at, arrived_at: at, size, rgb }
 }
 
 /// Create, record a 20 s flight, finish: what a simulation pays by the wall clock.

@@ -5,8 +5,8 @@ use crate::{
     proto::descriptor_set,
 };
 
-/// One series of a recording; every [`Record`] belongs to one. The pose that is written beside the truth for viewers
-/// ([`Channel::POSE_TOPIC`]) is no channel of its own: it is never read back.
+/// One series of a recording; every [`Record`] belongs to one. What is written for viewers ([`crate::ViewerChannel`]) is none of
+/// them: it is never read back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Channel {
     /// `/tracker/position`
@@ -43,9 +43,6 @@ macro_rules! schema {
     };
 }
 
-/// Schema of [`Channel::POSE_TOPIC`].
-pub(crate) const POSE_SCHEMA: Schema = schema!("foxglove.PoseInFrame", "PoseInFrame");
-
 impl Channel {
     /// All channels, in the order of their declaration.
     pub const ALL: [Self; 10] = [
@@ -60,9 +57,6 @@ impl Channel {
         Self::Battery,
         Self::Rotor,
     ];
-
-    /// The truth once more as `foxglove.PoseInFrame`, which viewers draw in three dimensions.
-    pub const POSE_TOPIC: &'static str = "/plant/pose";
 
     /// The MCAP topic.
     pub const fn topic(self) -> &'static str {

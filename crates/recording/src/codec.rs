@@ -9,17 +9,15 @@ use prost_types::Timestamp;
 use crate::{
     Battery, Channel, Command, ControlState, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor,
     Tick, Truth,
-    fields::Fields,
+    fields::{FieldReader, Fields},
     proto::{bench as pb, foxglove},
 };
 
 /// Name under which events are logged.
 const LOG_NAME: &str = "bench";
-/// Frame of reference of poses.
-const POSE_FRAME: &str = "world";
 
-/// Appends the record as protobuf.
-pub(crate) fn encode(record: &Record, out: &mut Vec<u8>) {
+/// Appends the record as protobuf. Events alone have the log time in them, which counts from the epoch.
+pub(crate) fn encode(record: &Record, epoch_ns: u64, out: &mut Vec<u8>) {
     let mut fields = Fields(out);
     match record {
         Record::Position(position) => encode_position(position, &mut fields),
@@ -29,26 +27,54 @@ pub(crate) fn encode(record: &Record, out: &mut Vec<u8>) {
         Record::Readback(readback) => encode_readback(readback, &mut fields),
         Record::Truth(truth) => encode_truth(truth, &mut fields),
         Record::Tick(tick) => encode_tick(tick, &mut fields),
-        Record::Event(event) => encode_event(event, &mut fields),
+        Record::Event(event) => encode_event(event, epoch_ns, &mut fields),
         Record::Battery(battery) => encode_battery(battery, &mut fields),
         Record::Rotor(rotor) => encode_rotor(rotor, &mut fields),
     }
 }
 
-/// Appends the truth's pose as protobuf, for viewers.
-pub(crate) fn encode_pose(truth: &Truth, out: &mut Vec<u8>) {
-    let [w, x, y, z] = truth.attitude;
-    let mut fields = Fields(out);
-    fields.timestamp(1, truth.time);
-    fields.text(2, POSE_FRAME);
-    fields.message(3, |pose| {
-        pose.doubles(1, truth.position_m);
-        pose.doubles(2, [x, y, z, w]);
-    });
+/// Reads what [`encode`] wrote, or another writer by the same schema; the error says what is wrong with the bytes.
+pub(crate) fn decode(channel: Channel, epoch_ns: u64, data: &[u8]) -> Result<Record, String> {
+    let mut record = match decode_own_layout(channel, data) {
+        Some(record) => record,
+        None => decode_any_layout(channel, data)?,
+    };
+    if let Record::Event(event) = &mut record {
+        let since_ns = event.time.nanos().checked_sub(epoch_ns);
+        event.time = since_ns.map(Time::from_nanos).ok_or("timestamp before the recording's origin")?;
+    }
+    Ok(record)
 }
 
-/// Reads what [`encode`] wrote; the error says what is wrong with the bytes.
-pub(crate) fn decode(channel: Channel, data: &[u8]) -> Result<Record, String> {
+/// The log time of an instant of the recording.
+pub(crate) fn since_epoch(time: Time, epoch_ns: u64) -> Time {
+    Time::from_nanos(time.nanos().saturating_add(epoch_ns))
+}
+
+/// Reads a message whose fields lie as [`encode`] puts them; `None` for any other one.
+fn decode_own_layout(channel: Channel, data: &[u8]) -> Option<Record> {
+    let mut fields = FieldReader(data);
+    let record = match channel {
+        Channel::Position => read_position(&mut fields)?.into(),
+        Channel::Motion => read_motion(&mut fields)?.into(),
+        Channel::ControlState => read_control_state(&mut fields)?.into(),
+        Channel::Command => Command { time: fields.time(1)?, sticks: fields.sticks(2)? }.into(),
+        Channel::Readback => read_readback(&mut fields)?.into(),
+        Channel::Truth => read_truth(&mut fields)?.into(),
+        Channel::Tick => read_tick(&mut fields)?.into(),
+        // Events are few, and their texts want the checks of the general decoder.
+        Channel::Event => return None,
+        Channel::Battery => {
+            let time = fields.time(1)?;
+            Battery { time, voltage_v: fields.double(2)?, current_a: fields.measured(3)? }.into()
+        }
+        Channel::Rotor => read_rotor(&mut fields)?.into(),
+    };
+    fields.end()?;
+    Some(record)
+}
+
+fn decode_any_layout(channel: Channel, data: &[u8]) -> Result<Record, String> {
     Ok(match channel {
         Channel::Position => PositionSample::try_from(parse::<pb::Position>(data)?)?.into(),
         Channel::Motion => Motion::from(parse::<pb::Motion>(data)?).into(),
@@ -99,6 +125,23 @@ fn encode_position(position: &PositionSample, fields: &mut Fields) {
     fields.enumeration(7, status.into());
 }
 
+fn read_position(fields: &mut FieldReader) -> Option<PositionSample> {
+    Some(PositionSample {
+        exposed_at: fields.time(1)?,
+        arrived_at: fields.time(2)?,
+        position_m: fields.doubles(3)?,
+        heading_rad: fields.measured(4)?,
+        pixel: fields.doubles(5)?,
+        size_px: fields.double(6)?,
+        status: match pb::TrackStatus::try_from(i32::try_from(fields.integer(7)?).ok()?).ok()? {
+            pb::TrackStatus::Found => TrackStatus::Found,
+            pb::TrackStatus::Lost => TrackStatus::Lost,
+            pb::TrackStatus::Ambiguous => TrackStatus::Ambiguous,
+            pb::TrackStatus::Unspecified => return None,
+        },
+    })
+}
+
 impl TryFrom<pb::Position> for PositionSample {
     type Error = String;
 
@@ -125,6 +168,15 @@ fn encode_motion(motion: &Motion, fields: &mut Fields) {
     fields.all_measured(2, motion.velocity_m_s);
     fields.measured(3, motion.vertical_acceleration_m_s2);
     fields.all_measured(4, motion.attitude_rad);
+}
+
+fn read_motion(fields: &mut FieldReader) -> Option<Motion> {
+    Some(Motion {
+        time: fields.time(1)?,
+        velocity_m_s: fields.all_measured(2)?,
+        vertical_acceleration_m_s2: fields.measured(3)?,
+        attitude_rad: fields.all_measured(4)?,
+    })
 }
 
 impl From<pb::Motion> for Motion {
@@ -157,6 +209,29 @@ fn encode_control_state(state: &ControlState, fields: &mut Fields) {
     fields.double(8, state.vertical_speed_error_m_s);
     fields.double(9, state.integral_n);
     fields.double(10, state.thrust_n);
+}
+
+fn read_control_state(fields: &mut FieldReader) -> Option<ControlState> {
+    Some(ControlState {
+        time: fields.time(1)?,
+        phase: match pb::Phase::try_from(i32::try_from(fields.integer(2)?).ok()?).ok()? {
+            pb::Phase::Idle => Phase::Idle,
+            pb::Phase::Launch => Phase::Launch,
+            pb::Phase::Open => Phase::Open,
+            pb::Phase::Hold => Phase::Hold,
+            pb::Phase::Land => Phase::Land,
+            pb::Phase::Abort => Phase::Abort,
+            pb::Phase::Unspecified => return None,
+        },
+        setpoint_m: fields.doubles(3)?,
+        setpoint_heading_rad: fields.double(4)?,
+        estimate_m: fields.doubles(5)?,
+        estimate_m_s: fields.doubles(6)?,
+        vertical_speed_setpoint_m_s: fields.double(7)?,
+        vertical_speed_error_m_s: fields.double(8)?,
+        integral_n: fields.double(9)?,
+        thrust_n: fields.double(10)?,
+    })
 }
 
 impl TryFrom<pb::ControlState> for ControlState {
@@ -210,6 +285,20 @@ fn encode_readback(&ReadbackAt { time, readback }: &ReadbackAt, fields: &mut Fie
     });
 }
 
+fn read_readback(fields: &mut FieldReader) -> Option<ReadbackAt> {
+    let time = fields.time(1)?;
+    let (device_time, sticks) = (fields.time(2)?, fields.sticks(3)?);
+    let mut message = fields.message(4)?;
+    let faults = Faults {
+        watchdog: message.flag(1)?,
+        clamped: message.flag(2)?,
+        mismatch: message.flag(3)?,
+        brown_out: message.flag(4)?,
+    };
+    message.end()?;
+    Some(ReadbackAt { time, readback: Readback { device_time, sticks, faults } })
+}
+
 impl From<pb::Readback> for ReadbackAt {
     fn from(readback: pb::Readback) -> Self {
         let pb::Faults { watchdog, clamped, mismatch, brown_out } = readback.faults.unwrap_or_default();
@@ -233,6 +322,19 @@ fn encode_truth(truth: &Truth, fields: &mut Fields) {
     fields.double(6, truth.thrust_n);
     fields.double(7, truth.rotor_speed_ratio);
     fields.double(8, truth.charge_hover_min);
+}
+
+fn read_truth(fields: &mut FieldReader) -> Option<Truth> {
+    Some(Truth {
+        time: fields.time(1)?,
+        position_m: fields.doubles(2)?,
+        velocity_m_s: fields.doubles(3)?,
+        attitude: fields.doubles(4)?,
+        body_rate_rad_s: fields.doubles(5)?,
+        thrust_n: fields.double(6)?,
+        rotor_speed_ratio: fields.double(7)?,
+        charge_hover_min: fields.double(8)?,
+    })
 }
 
 impl From<pb::Truth> for Truth {
@@ -261,6 +363,21 @@ fn encode_tick(tick: &Tick, fields: &mut Fields) {
     fields.integer(8, tick.overrun.into());
 }
 
+fn read_tick(fields: &mut FieldReader) -> Option<Tick> {
+    let (index, scheduled, started) = (fields.integer(1)?, fields.time(2)?, fields.time(3)?);
+    // The lateness is made of the two before it.
+    fields.double(4)?;
+    Some(Tick {
+        index,
+        scheduled,
+        started,
+        sense_s: fields.double(5)?,
+        control_s: fields.double(6)?,
+        actuate_s: fields.double(7)?,
+        overrun: fields.flag(8)?,
+    })
+}
+
 impl From<pb::Tick> for Tick {
     fn from(tick: pb::Tick) -> Self {
         Self {
@@ -275,13 +392,13 @@ impl From<pb::Tick> for Tick {
     }
 }
 
-fn encode_event(event: &Event, fields: &mut Fields) {
+fn encode_event(event: &Event, epoch_ns: u64, fields: &mut Fields) {
     let level = match event.level {
         Level::Info => foxglove::log::Level::Info,
         Level::Warning => foxglove::log::Level::Warning,
         Level::Error => foxglove::log::Level::Error,
     };
-    fields.timestamp(1, event.time);
+    fields.timestamp(1, since_epoch(event.time, epoch_ns));
     fields.enumeration(2, level.into());
     fields.text(3, &event.text);
     fields.text(4, LOG_NAME);
@@ -339,6 +456,14 @@ fn encode_rotor(rotor: &Rotor, fields: &mut Fields) {
     }
 }
 
+fn read_rotor(fields: &mut FieldReader) -> Option<Rotor> {
+    let mut rotor = Rotor { time: fields.time(1)?, ..Rotor::default() };
+    for (number, speed_rad_s) in (2..).zip(&mut rotor.speed_rad_s) {
+        *speed_rad_s = fields.measured(number)?;
+    }
+    Some(rotor)
+}
+
 impl From<pb::Rotor> for Rotor {
     fn from(rotor: pb::Rotor) -> Self {
         Self {
@@ -357,7 +482,7 @@ mod tests {
     use proptest::prelude::*;
     use prost::Message;
 
-    use super::{encode, encode_pose};
+    use super::{decode, encode};
     use crate::{
         Battery, Channel, Command, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor, Tick, Truth,
         proto::{bench as pb, foxglove},
@@ -488,22 +613,44 @@ mod tests {
             for record in records(&numbers, &integers, &flags, &text) {
                 let channel = record.channel();
                 let mut bytes = Vec::new();
-                encode(&record, &mut bytes);
+                encode(&record, 0, &mut bytes);
                 prop_assert_eq!(&by_prost(channel, &bytes), &bytes, "{:?}", record);
-                prop_assert_eq!(super::decode(channel, &bytes), Ok(record));
-                if let Record::Truth(truth) = record {
-                    let mut bytes = Vec::new();
-                    encode_pose(&truth, &mut bytes);
-                    prop_assert_eq!(&reencoded::<foxglove::PoseInFrame>(&bytes), &bytes);
-                    let seen = foxglove::PoseInFrame::decode(&*bytes).unwrap();
-                    let pose = seen.pose.unwrap();
-                    let foxglove::Vector3 { x, y, z } = pose.position.unwrap();
-                    prop_assert_eq!([x, y, z], truth.position_m);
-                    let foxglove::Quaternion { x, y, z, w } = pose.orientation.unwrap();
-                    prop_assert_eq!([w, x, y, z], truth.attitude);
-                    prop_assert_eq!(super::time(seen.timestamp), Ok(truth.time));
-                }
+                prop_assert_eq!(decode(channel, 0, &bytes), Ok(record));
+                prop_assert_eq!(super::decode_any_layout(channel, &bytes), Ok(record));
+                let own = super::decode_own_layout(channel, &bytes);
+                prop_assert!(own.is_none_or(|own| own == record), "{:?}", own);
             }
+        }
+    }
+
+    #[test]
+    fn usual_messages_need_no_general_decoder() {
+        for record in records(&[1.5, 0.0, -2.0], &[7, 0, 1 << 60], &[true, false, true], "text") {
+            let channel = record.channel();
+            let mut bytes = Vec::new();
+            encode(&record, 0, &mut bytes);
+            let expected = (channel != Channel::Event).then_some(record);
+            assert_eq!(super::decode_own_layout(channel, &bytes), expected);
+        }
+    }
+
+    /// Another writer may put fields in another order or add some, and a damaged message is an error.
+    #[test]
+    fn other_layouts_are_read_by_the_general_decoder() {
+        let battery = Battery { time: Time::from_nanos(300), voltage_v: 3.7, current_a: Some(0.5) };
+        let mut bytes = Vec::new();
+        encode(&battery.into(), 0, &mut bytes);
+        let (time, rest) = bytes.split_at(3);
+        let unknown = [10 << 3, 1];
+        for other in [[rest, time].concat(), [&bytes[..], &unknown].concat(), [&unknown, &bytes[..]].concat()]
+        {
+            assert_eq!(super::decode_own_layout(Channel::Battery, &other), None);
+            assert_eq!(decode(Channel::Battery, 0, &other), Ok(battery.into()));
+        }
+        assert!(decode(Channel::Battery, 0, &bytes[..bytes.len() - 1]).is_err());
+        // A status and a phase that are none.
+        for channel in [Channel::Position, Channel::ControlState] {
+            assert!(decode(channel, 0, &[]).is_err(), "{channel:?}");
         }
     }
 
@@ -516,8 +663,8 @@ mod tests {
             Event { time, level: Level::Error, text }.into(),
         ] {
             let mut bytes = Vec::new();
-            encode(&record, &mut bytes);
-            assert!(same(&super::decode(record.channel(), &bytes).unwrap(), &record));
+            encode(&record, 0, &mut bytes);
+            assert!(same(&decode(record.channel(), 0, &bytes).unwrap(), &record));
         }
     }
 }

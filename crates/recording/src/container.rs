@@ -12,6 +12,8 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
+use zstd::bulk::Decompressor;
+
 use crate::{FileKind, RecordingError, zstd_decoder::ZstdDecoder};
 
 /// Longest record or chunk, compressed or not, that is read: far above anything that the bench writes, and the most
@@ -101,6 +103,84 @@ pub(crate) fn records_of_chunk<B: AsRef<[u8]>>(body: B) -> RecordStream<ChunkRea
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true);
     RecordStream::new(io::Cursor::new(head).chain(io::Cursor::new(body)), options)
+}
+
+/// The records within a chunk, one after another in one piece of memory, which is kept for the next chunk.
+#[derive(Default)]
+pub(crate) struct Chunk {
+    decompressor: Option<Decompressor<'static>>,
+    records: Vec<u8>,
+    at: usize,
+}
+
+impl Chunk {
+    /// Takes a chunk record's content apart; nothing of it is given unless its checksum holds.
+    pub fn open(&mut self, body: &[u8]) -> Result<(), McapError> {
+        self.at = 0;
+        self.records.clear();
+        let Record::Chunk { header, data } = mcap::parse_record(op::CHUNK, body)? else {
+            return Err(McapError::BadIndex);
+        };
+        let size = usize::try_from(header.uncompressed_size).unwrap_or(usize::MAX);
+        if size > RECORD_LIMIT {
+            return Err(McapError::ChunkTooLarge(header.uncompressed_size));
+        }
+        match header.compression.as_str() {
+            "zstd" => {
+                let decompressor = match &mut self.decompressor {
+                    Some(decompressor) => decompressor,
+                    none => none.insert(Decompressor::new()?),
+                };
+                self.records.reserve(size);
+                decompressor
+                    .decompress_to_buffer(&data, &mut self.records)
+                    .map_err(|error| McapError::DecompressionError(error.to_string()))?;
+            }
+            "" => self.records.extend_from_slice(&data),
+            other => return Err(McapError::UnsupportedCompression(other.to_owned())),
+        }
+        if self.records.len() != size {
+            let available = self.records.len() as u64;
+            return Err(McapError::BadChunkLength { header: header.uncompressed_size, available });
+        }
+        let (saved, calculated) = (header.uncompressed_crc, crc32fast::hash(&self.records));
+        if saved != 0 && saved != calculated {
+            return Err(McapError::BadChunkCrc { saved, calculated });
+        }
+        Ok(())
+    }
+
+    /// The next record's opcode and content; `None` at the end.
+    pub fn next(&mut self) -> Option<Result<(u8, &[u8]), McapError>> {
+        let rest = &self.records[self.at..];
+        if rest.is_empty() {
+            return None;
+        }
+        let record = rest.split_first_chunk::<{ RECORD_HEAD as usize }>().and_then(|(head, rest)| {
+            let [opcode, length @ ..] = *head;
+            let length = usize::try_from(u64::from_le_bytes(length)).ok()?;
+            Some((opcode, rest.get(..length)?))
+        });
+        let Some((opcode, content)) = record else {
+            self.at = self.records.len();
+            return Some(Err(McapError::UnexpectedEoc));
+        };
+        self.at += RECORD_HEAD as usize + content.len();
+        Some(Ok((opcode, content)))
+    }
+
+    /// Gives nothing more.
+    pub fn end(&mut self) {
+        self.at = self.records.len();
+    }
+}
+
+/// Channel number, log time and content of a message record.
+pub(crate) fn message(body: &[u8]) -> Option<(u16, u64, &[u8])> {
+    let (head, data) = body.split_first_chunk::<22>()?;
+    let channel = u16::from_le_bytes([head[0], head[1]]);
+    let (_, times) = head.split_at(6);
+    Some((channel, u64::from_le_bytes(*times.first_chunk()?), data))
 }
 
 /// Reads a record's content.

@@ -1,6 +1,9 @@
-use bench_device::{Time, TrackStatus};
+use arrayvec::ArrayVec;
+use bench_device::{PositionSample, Time, TrackStatus};
 
-use crate::{Channel, Level, Record};
+use crate::{
+    Battery, Channel, Command, ControlState, Event, Level, Motion, ReadbackAt, Record, Rotor, Tick, Truth,
+};
 
 /// One quantity of a channel. Whoever compares, prints or exports records goes by these.
 #[derive(Clone, Copy, Debug)]
@@ -125,11 +128,28 @@ impl Channel {
 }
 
 impl Record {
-    /// Appends the values of [`Channel::fields`], in their order.
-    pub fn values<'a>(&'a self, out: &mut Vec<Value<'a>>) {
-        out.extend(self.channel().fields().iter().map(|field| field.value(self)));
+    /// The values of [`Channel::fields`], in their order.
+    pub fn values(&self) -> Values<'_> {
+        match self {
+            Self::Position(position) => position_values(position),
+            Self::Motion(motion) => motion_values(motion),
+            Self::ControlState(state) => control_state_values(state),
+            Self::Command(command) => command_values(command),
+            Self::Readback(readback) => readback_values(readback),
+            Self::Truth(truth) => truth_values(truth),
+            Self::Tick(tick) => tick_values(tick),
+            Self::Event(event) => event_values(event),
+            Self::Battery(battery) => battery_values(battery),
+            Self::Rotor(rotor) => rotor_values(rotor),
+        }
     }
 }
+
+/// The values of a record, in the order of its channel's fields.
+pub type Values<'a> = ArrayVec<Value<'a>, FIELDS_MAX>;
+
+/// No channel has more fields.
+pub const FIELDS_MAX: usize = 17;
 
 /// The name of a status as exported.
 fn status_name(status: TrackStatus) -> &'static str {
@@ -151,9 +171,14 @@ impl Level {
     }
 }
 
+/// The fields of a channel, and a function that gives all of their values: a look at the record's kind for each one would cost
+/// more than the value.
 macro_rules! fields {
-    ($variant:ident: $($name:literal $unit:tt $kind:ident |$payload:ident| $get:expr;)+) => {
-        &[$(Field {
+    (
+        $table:ident, $values:ident: $variant:ident($type:ty):
+        $($name:literal $unit:tt $kind:ident |$payload:ident| $get:expr;)+
+    ) => {
+        const $table: &[Field] = &[$(Field {
             name: $name,
             unit: fields!(@unit $unit),
             kind: Kind::$kind,
@@ -161,13 +186,22 @@ macro_rules! fields {
                 Record::$variant($payload) => Value::from($get),
                 _ => Value::Missing,
             },
-        }),+]
+        }),+];
+
+        fn $values(record: &$type) -> Values<'_> {
+            let mut values = Values::new();
+            $(values.push({
+                let $payload = record;
+                Value::from($get)
+            });)+
+            values
+        }
     };
     (@unit actuation) => { Field::ACTUATION };
     (@unit $unit:literal) => { $unit };
 }
 
-const POSITION: &[Field] = fields! { Position:
+fields! { POSITION, position_values: Position(PositionSample):
     "arrived_at_s" "s" Time |p| p.arrived_at;
     "exposed_at_s" "s" Time |p| p.exposed_at;
     "position_m.x" "m" Float |p| p.position_m[0];
@@ -178,9 +212,9 @@ const POSITION: &[Field] = fields! { Position:
     "pixel.y" "px" Float |p| p.pixel[1];
     "size_px" "px" Float |p| p.size_px;
     "status" "" Text |p| status_name(p.status);
-};
+}
 
-const MOTION: &[Field] = fields! { Motion:
+fields! { MOTION, motion_values: Motion(Motion):
     "time_s" "s" Time |m| m.time;
     "velocity_m_s.x" "m/s" Float |m| m.velocity_m_s[0];
     "velocity_m_s.y" "m/s" Float |m| m.velocity_m_s[1];
@@ -189,9 +223,9 @@ const MOTION: &[Field] = fields! { Motion:
     "attitude_rad.roll" "rad" Float |m| m.attitude_rad[0];
     "attitude_rad.pitch" "rad" Float |m| m.attitude_rad[1];
     "attitude_rad.yaw" "rad" Float |m| m.attitude_rad[2];
-};
+}
 
-const CONTROL_STATE: &[Field] = fields! { ControlState:
+fields! { CONTROL_STATE, control_state_values: ControlState(ControlState):
     "time_s" "s" Time |s| s.time;
     "phase" "" Text |s| s.phase.name();
     "setpoint_m.x" "m" Float |s| s.setpoint_m[0];
@@ -208,17 +242,17 @@ const CONTROL_STATE: &[Field] = fields! { ControlState:
     "vertical_speed_error_m_s" "m/s" Float |s| s.vertical_speed_error_m_s;
     "integral_n" "N" Float |s| s.integral_n;
     "thrust_n" "N" Float |s| s.thrust_n;
-};
+}
 
-const COMMAND: &[Field] = fields! { Command:
+fields! { COMMAND, command_values: Command(Command):
     "time_s" "s" Time |c| c.time;
     "sticks.throttle" actuation Float |c| c.sticks.throttle;
     "sticks.pitch" actuation Float |c| c.sticks.pitch;
     "sticks.roll" actuation Float |c| c.sticks.roll;
     "sticks.yaw" actuation Float |c| c.sticks.yaw;
-};
+}
 
-const READBACK: &[Field] = fields! { Readback:
+fields! { READBACK, readback_values: Readback(ReadbackAt):
     "time_s" "s" Time |r| r.time;
     "device_time_s" "s" Time |r| r.readback.device_time;
     "sticks.throttle" actuation Float |r| r.readback.sticks.throttle;
@@ -229,9 +263,9 @@ const READBACK: &[Field] = fields! { Readback:
     "faults.clamped" "" Bool |r| r.readback.faults.clamped;
     "faults.mismatch" "" Bool |r| r.readback.faults.mismatch;
     "faults.brown_out" "" Bool |r| r.readback.faults.brown_out;
-};
+}
 
-const TRUTH: &[Field] = fields! { Truth:
+fields! { TRUTH, truth_values: Truth(Truth):
     "time_s" "s" Time |t| t.time;
     "position_m.x" "m" Float |t| t.position_m[0];
     "position_m.y" "m" Float |t| t.position_m[1];
@@ -249,9 +283,9 @@ const TRUTH: &[Field] = fields! { Truth:
     "thrust_n" "N" Float |t| t.thrust_n;
     "rotor_speed_ratio" "1" Float |t| t.rotor_speed_ratio;
     "charge_hover_min" "min" Float |t| t.charge_hover_min;
-};
+}
 
-const TICK: &[Field] = fields! { Tick:
+fields! { TICK, tick_values: Tick(Tick):
     "started_s" "s" Time |t| t.started;
     "index" "" Integer |t| t.index;
     "scheduled_s" "s" Time |t| t.scheduled;
@@ -259,24 +293,24 @@ const TICK: &[Field] = fields! { Tick:
     "control_s" "s" Float |t| t.control_s;
     "actuate_s" "s" Float |t| t.actuate_s;
     "overrun" "" Bool |t| t.overrun;
-};
+}
 
-const EVENT: &[Field] = fields! { Event:
+fields! { EVENT, event_values: Event(Event):
     "time_s" "s" Time |e| e.time;
     "level" "" Text |e| e.level.name();
     "text" "" Text |e| e.text.as_str();
-};
+}
 
-const BATTERY: &[Field] = fields! { Battery:
+fields! { BATTERY, battery_values: Battery(Battery):
     "time_s" "s" Time |b| b.time;
     "voltage_v" "V" Float |b| b.voltage_v;
     "current_a" "A" Float |b| b.current_a;
-};
+}
 
-const ROTOR: &[Field] = fields! { Rotor:
+fields! { ROTOR, rotor_values: Rotor(Rotor):
     "time_s" "s" Time |r| r.time;
     "speed_1_rad_s" "rad/s" Float |r| r.speed_rad_s[0];
     "speed_2_rad_s" "rad/s" Float |r| r.speed_rad_s[1];
     "speed_3_rad_s" "rad/s" Float |r| r.speed_rad_s[2];
     "speed_4_rad_s" "rad/s" Float |r| r.speed_rad_s[3];
-};
+}

@@ -1,5 +1,6 @@
 //! Protobuf's wire format for messages whose layout is known: a few bytes a field, without the lengths that a general
-//! encoder works out beforehand. As in every proto3 writer, a field that is zero and not `optional` is left out.
+//! encoder works out beforehand and without the cases that a general decoder is ready for. As in every proto3 writer, a field
+//! that is zero and not `optional` is left out.
 
 use bench_device::{Sticks, Time};
 
@@ -87,6 +88,105 @@ impl Fields<'_> {
             value >>= 7;
         }
         self.0.push(value as u8);
+    }
+}
+
+/// Takes fields off a message in the order of their numbers, as [`Fields`] appends them. `None` where the message has another
+/// layout, as one of another writer may: that is left to a general decoder.
+pub(crate) struct FieldReader<'a>(pub &'a [u8]);
+
+impl<'a> FieldReader<'a> {
+    /// Whether the next field has this number and kind; its key is taken if so.
+    fn next_is(&mut self, number: u8, kind: u8) -> bool {
+        match self.0.split_first() {
+            Some((first, rest)) if *first == key(number, kind) => {
+                self.0 = rest;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    pub fn integer(&mut self, number: u8) -> Option<u64> {
+        if self.next_is(number, VARINT) { self.varint() } else { Some(0) }
+    }
+
+    pub fn time(&mut self, number: u8) -> Option<Time> {
+        self.integer(number).map(Time::from_nanos)
+    }
+
+    pub fn flag(&mut self, number: u8) -> Option<bool> {
+        self.integer(number).map(|flag| flag != 0)
+    }
+
+    pub fn double(&mut self, number: u8) -> Option<f64> {
+        self.measured(number).map(Option::unwrap_or_default)
+    }
+
+    /// An `optional` field; `Some(None)` where it is absent.
+    #[expect(clippy::option_option, reason = "another layout and an absent field are two things")]
+    pub fn measured(&mut self, number: u8) -> Option<Option<f64>> {
+        if !self.next_is(number, FIXED_64) {
+            return Some(None);
+        }
+        let (bytes, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(Some(f64::from_le_bytes(*bytes)))
+    }
+
+    /// A message of doubles, numbered from 1.
+    pub fn doubles<const N: usize>(&mut self, number: u8) -> Option<[f64; N]> {
+        let mut values = [0.0; N];
+        let mut message = self.message(number)?;
+        for (i, value) in (1..).zip(&mut values) {
+            *value = message.double(i)?;
+        }
+        message.end()?;
+        Some(values)
+    }
+
+    /// A message of `optional` doubles, numbered from 1.
+    pub fn all_measured<const N: usize>(&mut self, number: u8) -> Option<[Option<f64>; N]> {
+        let mut values = [None; N];
+        let mut message = self.message(number)?;
+        for (i, value) in (1..).zip(&mut values) {
+            *value = message.measured(i)?;
+        }
+        message.end()?;
+        Some(values)
+    }
+
+    pub fn sticks(&mut self, number: u8) -> Option<Sticks> {
+        let [throttle, pitch, roll, yaw] = self.doubles(number)?;
+        Some(Sticks { throttle, pitch, roll, yaw })
+    }
+
+    /// A message within the message, of 127 bytes at most; an empty one where there is none.
+    pub fn message(&mut self, number: u8) -> Option<FieldReader<'a>> {
+        if !self.next_is(number, LENGTH_DELIMITED) {
+            return Some(FieldReader(&[]));
+        }
+        let (length, rest) = self.0.split_first().filter(|(length, _)| **length < 128)?;
+        let (message, rest) = rest.split_at_checked(usize::from(*length))?;
+        self.0 = rest;
+        Some(FieldReader(message))
+    }
+
+    /// There is nothing more.
+    pub fn end(self) -> Option<()> {
+        self.0.is_empty().then_some(())
+    }
+
+    fn varint(&mut self) -> Option<u64> {
+        let mut value = 0;
+        for (place, byte) in self.0.iter().enumerate().take(9) {
+            value |= u64::from(byte & 0x7f) << (7 * place);
+            if byte & 0x80 == 0 {
+                self.0 = &self.0[place + 1..];
+                return Some(value);
+            }
+        }
+        None
     }
 }
 

@@ -46,9 +46,11 @@ pub struct Info {
     pub schema_version: u32,
     /// Processor and operating system that recorded it.
     pub platform: String,
-    /// Log time of the first message, s; absent without messages.
+    /// The origin of its times, s since 1970 (UTC), if it tells.
+    pub epoch_unix_s: Option<f64>,
+    /// Log time of the first message since the origin, s; absent without messages.
     pub first_time_s: Option<f64>,
-    /// Log time of the last message, s; absent without messages.
+    /// Log time of the last message since the origin, s; absent without messages.
     pub last_time_s: Option<f64>,
     /// From the first to the last message, s.
     pub duration_s: f64,
@@ -228,6 +230,8 @@ impl Findings {
             ..recorded.session
         };
         let end = self.metadata.get(END_METADATA);
+        let epoch_ns = session.epoch_unix_ns.unwrap_or(0);
+        let since_origin_s = |log_ns: u64| Time::from_nanos(log_ns.saturating_sub(epoch_ns)).seconds();
         let info = Info {
             schema: "bench.info/1",
             path: path.clone(),
@@ -241,8 +245,9 @@ impl Findings {
             bench_version: recorded.bench_version,
             schema_version: recorded.schema_version,
             platform: recorded.platform,
-            first_time_s: self.span_ns.map(|(first, _)| Time::from_nanos(first).seconds()),
-            last_time_s: self.span_ns.map(|(_, last)| Time::from_nanos(last).seconds()),
+            epoch_unix_s: session.epoch_unix_ns.map(|epoch_ns| epoch_ns as f64 * 1e-9),
+            first_time_s: self.span_ns.map(|(first, _)| since_origin_s(first)),
+            last_time_s: self.span_ns.map(|(_, last)| since_origin_s(last)),
             duration_s: self
                 .span_ns
                 .map_or(0.0, |(first, last)| Time::from_nanos(last.saturating_sub(first)).seconds()),

@@ -21,6 +21,8 @@ use mcap::{
 };
 use zstd::{bulk::Compressor, zstd_safe::compress_bound};
 
+/// Tells what the file's channels and metadata conform to.
+const PROFILE: &str = "bench";
 /// Chunks are closed when they reach this size, uncompressed, if no flush closed them before.
 const CHUNK_BYTES: usize = 256 * 1024;
 /// Fixed, so that bytes repeat. On simulated flights level 1 makes files 1 % smaller and recording 15 % slower, level -3
@@ -91,7 +93,7 @@ impl<W: Write> Layout<W> {
             times: None,
         };
         layout.buffer.extend_from_slice(MAGIC);
-        put(&mut layout.buffer, op::HEADER, &Header { profile: String::new(), library }, &[])?;
+        put(&mut layout.buffer, op::HEADER, &Header { profile: PROFILE.to_owned(), library }, &[])?;
         layout.write_buffer()?;
         Ok(layout)
     }
@@ -388,7 +390,7 @@ mod tests {
         write::NoSeek,
     };
 
-    use super::{CHUNK_BYTES, Layout};
+    use super::{CHUNK_BYTES, Layout, PROFILE};
     use crate::container::{self, RecordStream};
 
     /// What a file is made of, so that two writers can be given the same.
@@ -459,6 +461,7 @@ mod tests {
 
     fn by_mcap(parts: &[Part]) -> Vec<u8> {
         let mut writer = WriteOptions::new()
+            .profile(PROFILE)
             .library("test")
             .compression_level(1)
             .compression_threads(0)

@@ -1,6 +1,7 @@
 //! MCAP recordings: what a loop, a simulation or an import leaves behind, and everything that reads it.
 //!
 //! - A [`Recorder`] takes [`Record`]s from the loop without allocating or locking and writes them on its own thread.
+//! - What viewers draw ([`ViewerChannel`]) comes along: poses and a scene by the writer itself, images by [`Images`].
 //! - A [`Recording`] reads them back one by one in bounded memory; a [`Flight`] holds them all as series for analysis.
 //! - [`recover`] makes a whole recording of one that was cut or left open; [`export`] makes tables for other tools.
 //! - [`Channel::fields`] lists every recorded quantity with its unit, once, for whoever compares or exports.
@@ -17,6 +18,7 @@ mod export;
 mod field;
 mod fields;
 mod flight;
+mod images;
 pub mod import;
 mod info;
 mod kind;
@@ -28,6 +30,7 @@ mod recorder;
 mod recording;
 mod recover;
 mod session;
+mod viewer;
 mod writer;
 mod writer_thread;
 mod zstd_decoder;
@@ -35,8 +38,9 @@ mod zstd_decoder;
 pub use channel::Channel;
 pub use error::RecordingError;
 pub use export::{ExportOptions, Exported, export};
-pub use field::{Field, Kind, Value};
+pub use field::{Field, Kind, Value, Values};
 pub use flight::{Flight, PhaseInterval};
+pub use images::{Images, View};
 pub use info::{AttachmentInfo, ChannelInfo, Info};
 pub use kind::FileKind;
 pub use record::{
@@ -46,3 +50,4 @@ pub use recorder::{Finished, Options, Recorder, WhenFull};
 pub use recording::{Recording, Records};
 pub use recover::{RecoverReport, recover};
 pub use session::{Mode, Session};
+pub use viewer::ViewerChannel;

@@ -12,7 +12,8 @@ use bench_device::Time;
 use rtrb::{Producer, PushError, RingBuffer};
 
 use crate::{
-    Event, EventText, Level, Record, RecordingError, Session,
+    Event, EventText, Images, Level, Record, RecordingError, Session,
+    images::{self, Counts},
     writer::MessageWriter,
     writer_thread::{Closing, Output, Shared, WriterThread, Written},
 };
@@ -72,6 +73,10 @@ impl Options {
 pub struct Recorder {
     queue: Producer<Record>,
     shared: Arc<Shared>,
+    counts: Arc<Counts>,
+    /// Records handed over.
+    given: u64,
+    images: Option<Images>,
     writer: Option<JoinHandle<io::Result<Option<Written>>>>,
     path: PathBuf,
     when_full: WhenFull,
@@ -85,10 +90,12 @@ pub struct Recorder {
 /// What a finished recording holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finished {
-    /// MCAP messages, the poses for viewers included.
+    /// MCAP messages, those for viewers included.
     pub messages: u64,
     /// Records that found the queue full.
     pub dropped: u64,
+    /// Views that found theirs full.
+    pub dropped_views: u64,
     /// Size of the file.
     pub bytes: u64,
     /// Where it is.
@@ -112,14 +119,18 @@ impl Recorder {
     fn start(output: impl Output, path: &Path, session: &Session, options: Options) -> io::Result<Self> {
         let messages = MessageWriter::start(output, session)?;
         let (producer, consumer) = RingBuffer::new(options.queue_capacity);
-        let shared = Arc::new(Shared::default());
-        let writer = WriterThread::new(consumer, Arc::clone(&shared), messages, &options);
+        let (views, incoming) = images::queue();
+        let (shared, counts) = (Arc::new(Shared::default()), Arc::new(Counts::default()));
+        let writer = WriterThread::new(consumer, incoming, Arc::clone(&shared), messages, &options);
         let writer = thread::Builder::new().name("recorder".to_owned()).spawn(|| writer.run())?;
         // Often enough that the writer is done before the queue is full.
         let wake_every = (options.queue_capacity / 4).max(1);
         Ok(Self {
             queue: producer,
             shared,
+            images: Some(views.start(Arc::clone(&counts), writer.thread().clone(), options.when_full)),
+            counts,
+            given: 0,
             writer: Some(writer),
             path: path.to_owned(),
             when_full: options.when_full,
@@ -142,6 +153,11 @@ impl Recorder {
         }
     }
 
+    /// What takes views of frames to the writer, for whoever draws them; `None` once it was taken.
+    pub fn images(&mut self) -> Option<Images> {
+        self.images.take()
+    }
+
     /// Whether the writer has failed, so that nothing more is recorded. The reason is told by [`Recorder::finish`].
     pub fn failed(&self) -> bool {
         self.shared.failed.load(Ordering::Relaxed) || self.queue.is_abandoned()
@@ -157,9 +173,13 @@ impl Recorder {
     pub fn finish(mut self) -> Result<Finished, RecordingError> {
         let path = std::mem::take(&mut self.path);
         match self.close(Closing::Finish) {
-            Some(Ok(Ok(Some(written)))) => {
-                Ok(Finished { messages: written.messages, dropped: self.dropped, bytes: written.bytes, path })
-            }
+            Some(Ok(Ok(Some(written)))) => Ok(Finished {
+                messages: written.messages,
+                dropped: self.dropped,
+                dropped_views: self.counts.dropped.load(Ordering::Relaxed),
+                bytes: written.bytes,
+                path,
+            }),
             Some(Ok(Err(source))) => Err(RecordingError::Io { action: "write", path, source }),
             Some(Ok(Ok(None)) | Err(_)) | None => Err(RecordingError::WriterPanicked { path }),
         }
@@ -184,6 +204,8 @@ impl Recorder {
             }
             thread::sleep(FULL_QUEUE_POLL);
         }
+        self.given += 1;
+        self.counts.records.store(self.given, Ordering::Relaxed);
         self.until_wake -= 1;
         if self.until_wake == 0 {
             self.wake_writer();

@@ -13,7 +13,7 @@ use mcap::{
 
 use crate::{
     Channel, Info, Record, RecordingError, Session, codec,
-    container::{self, ChunkReader, Container, RecordStream},
+    container::{self, Chunk, Container, RecordStream},
     info::Survey,
 };
 
@@ -70,7 +70,12 @@ impl Recording {
 
     /// The same of some channels only; what stands in the others is neither decoded nor checked.
     pub(crate) fn records_of(&self, channels: &[Channel]) -> Result<Records, RecordingError> {
-        Records::open(&self.path, self.chunks.clone(), channels.to_vec())
+        let epoch_ns = self.session.epoch_unix_ns.unwrap_or(0);
+        Records::open(
+            &self.path,
+            self.chunks.clone(),
+            Decoder { channels: Vec::new(), wanted: channels.to_vec(), epoch_ns },
+        )
     }
 }
 
@@ -84,17 +89,24 @@ pub struct Records {
     offset: u64,
     /// Where the chunks to come begin, the next one last; `None` if the file has no summary.
     chunks: Option<Vec<u64>>,
-    /// The records of the chunk that is being read.
-    chunk: Option<RecordStream<ChunkReader<Vec<u8>>>>,
+    /// The chunk that is being read.
+    chunk: Chunk,
     body: Vec<u8>,
-    /// By MCAP channel; topics that hold no records, or none that are wanted, are absent.
-    channels: Vec<Option<Channel>>,
-    wanted: Vec<Channel>,
+    decoder: Decoder,
     past_data: bool,
 }
 
+/// Makes records of messages.
+struct Decoder {
+    /// By MCAP channel; topics that hold no records, or none that are wanted, are absent.
+    channels: Vec<Option<Channel>>,
+    wanted: Vec<Channel>,
+    /// What log times count from, ns since 1970.
+    epoch_ns: u64,
+}
+
 impl Records {
-    fn open(path: &Path, chunks: Option<Vec<u64>>, wanted: Vec<Channel>) -> Result<Self, RecordingError> {
+    fn open(path: &Path, chunks: Option<Vec<u64>>, decoder: Decoder) -> Result<Self, RecordingError> {
         let mut container = Container::open(path)?;
         container.rewind()?;
         let options =
@@ -104,91 +116,121 @@ impl Records {
             file: RecordStream::new(container.file, options),
             offset: MAGIC.len() as u64,
             chunks,
-            chunk: None,
+            chunk: Chunk::default(),
             body: Vec::new(),
-            channels: Vec::new(),
-            wanted,
+            decoder,
             past_data: false,
         })
     }
 
     /// The next record; `None` at the end.
     fn read(&mut self) -> Result<Option<Record>, RecordingError> {
-        while let Some(opcode) = self.next_opcode().transpose()? {
-            let record = container::parse(opcode, &self.body).map_err(|error| self.error(&error))?;
-            match record {
-                McapRecord::Channel(channel) if !self.past_data => {
-                    remember(&mut self.channels, &channel, &self.wanted);
-                }
-                McapRecord::Message { header, data } => {
-                    if let Some(channel) =
-                        self.channels.get(usize::from(header.channel_id)).copied().flatten()
-                    {
-                        return decode(&self.path, channel, header.log_time, &data).map(Some);
-                    }
-                }
-                // The summary repeats schemas and channels; it is read on to check the file's end.
-                McapRecord::DataEnd(_) => self.past_data = true,
-                _ => {}
-            }
-        }
-        Ok(None)
-    }
-
-    /// The opcode of the next record, of a chunk or of the file, with its content in `body`.
-    fn next_opcode(&mut self) -> Option<Result<u8, RecordingError>> {
+        let Self { path, decoder, .. } = self;
         loop {
-            if let Some(chunk) = &mut self.chunk {
-                match chunk.next(&mut self.body) {
-                    Some(Ok(opcode)) => return Some(Ok(opcode)),
-                    Some(Err(error)) => return Some(Err(self.error(&error))),
-                    None => self.chunk = None,
+            while let Some(next) = self.chunk.next() {
+                let (opcode, content) = next.map_err(|error| container::damaged(path, &error))?;
+                if let Some(record) = decoder.take(opcode, content, path)? {
+                    return Ok(Some(record));
                 }
             }
-            let opcode = match self.file.next(&mut self.body)? {
-                Ok(opcode) => opcode,
-                Err(error) => return Some(Err(self.error(&error))),
-            };
-            if let Err(error) = self.expect(opcode) {
-                return Some(Err(error));
-            }
+            let Some(opcode) = self.file.next(&mut self.body) else { return Ok(None) };
+            let opcode = opcode.map_err(|error| broken(path, &error))?;
+            expect(&mut self.chunks, opcode, self.offset, path)?;
             self.offset += container::RECORD_HEAD + self.body.len() as u64;
-            if opcode != op::CHUNK {
-                return Some(Ok(opcode));
+            match opcode {
+                op::CHUNK => self.chunk.open(&self.body).map_err(|error| container::damaged(path, &error))?,
+                // Parsed whatever it is, as it has no checksum of its own.
+                _ => drop(container::parse(opcode, &self.body).map_err(|error| broken(path, &error))?),
             }
-            self.chunk = Some(container::records_of_chunk(std::mem::take(&mut self.body)));
+            // The summary repeats schemas and channels; it is read on to check the file's end.
+            self.past_data |= opcode == op::DATA_END;
+            if !self.past_data
+                && matches!(opcode, op::CHANNEL | op::MESSAGE)
+                && let Some(record) = decoder.take(opcode, &self.body, path)?
+            {
+                return Ok(Some(record));
+            }
+        }
+    }
+}
+
+/// Refuses a file in which a chunk does not stand where the summary says: a damaged head would otherwise hide a whole chunk until
+/// the checksum at the end, after the records that follow it were given. Messages stand in chunks alone, and the data ends after the
+/// last one: other records have no checksum of their own.
+fn expect(chunks: &mut Option<Vec<u64>>, opcode: u8, offset: u64, path: &Path) -> Result<(), RecordingError> {
+    let Some(chunks) = chunks else { return Ok(()) };
+    let due = chunks.last().copied();
+    let is_right = match opcode {
+        op::CHUNK => due == Some(offset),
+        op::MESSAGE => false,
+        op::DATA_END => due.is_none(),
+        _ => due.is_none_or(|due| due > offset),
+    };
+    if !is_right {
+        return Err(RecordingError::Damaged {
+            path: path.to_owned(),
+            detail: format!("the record at byte {offset} is not what the summary lists there"),
+        });
+    }
+    if opcode == op::CHUNK {
+        chunks.pop();
+    }
+    Ok(())
+}
+
+impl Decoder {
+    /// Reads a message of a wanted channel and remembers a channel; anything else is passed over.
+    fn take(&mut self, opcode: u8, content: &[u8], path: &Path) -> Result<Option<Record>, RecordingError> {
+        match opcode {
+            op::MESSAGE => {
+                let (id, log_time, data) = container::message(content)
+                    .ok_or_else(|| container::damaged(path, &McapError::UnexpectedEoc))?;
+                let channel = self.channels.get(usize::from(id)).copied().flatten();
+                channel.map(|channel| self.decode(path, channel, log_time, data)).transpose()
+            }
+            op::CHANNEL => {
+                let record = container::parse(opcode, content);
+                if let McapRecord::Channel(channel) =
+                    record.map_err(|error| container::damaged(path, &error))?
+                {
+                    self.remember(&channel);
+                }
+                Ok(None)
+            }
+            _ => Ok(None),
         }
     }
 
-    /// Refuses a file in which a chunk does not stand where the summary says: a damaged head would otherwise hide a whole
-    /// chunk until the checksum at the end, after the records that follow it were given. Messages stand in chunks alone, and
-    /// the data ends after the last one: other records have no checksum of their own.
-    fn expect(&mut self, opcode: u8) -> Result<(), RecordingError> {
-        let Some(chunks) = &mut self.chunks else { return Ok(()) };
-        let due = chunks.last().copied();
-        let is_right = match opcode {
-            op::CHUNK => due == Some(self.offset),
-            op::MESSAGE => false,
-            op::DATA_END => due.is_none(),
-            _ => due.is_none_or(|due| due > self.offset),
-        };
-        if !is_right {
-            return Err(RecordingError::Damaged {
-                path: self.path.clone(),
-                detail: format!("the record at byte {} is not what the summary lists there", self.offset),
-            });
+    fn remember(&mut self, channel: &records::Channel) {
+        let id = usize::from(channel.id);
+        if self.channels.len() <= id {
+            self.channels.resize(id + 1, None);
         }
-        if opcode == op::CHUNK {
-            chunks.pop();
-        }
-        Ok(())
+        let known = Channel::from_topic(&channel.topic);
+        self.channels[id] = known.filter(|channel| self.wanted.contains(channel));
     }
 
-    fn error(&self, error: &McapError) -> RecordingError {
-        match error {
-            McapError::UnexpectedEof => RecordingError::Unfinished { path: self.path.clone() },
-            error => container::damaged(&self.path, error),
-        }
+    fn decode(
+        &self,
+        path: &Path,
+        channel: Channel,
+        log_time: u64,
+        data: &[u8],
+    ) -> Result<Record, RecordingError> {
+        codec::decode(channel, self.epoch_ns, data).map_err(|detail| RecordingError::BadMessage {
+            path: path.to_owned(),
+            channel: channel.topic(),
+            time: Time::from_nanos(log_time.saturating_sub(self.epoch_ns)),
+            detail,
+        })
+    }
+}
+
+/// The error for a file that cannot be read on.
+fn broken(path: &Path, error: &McapError) -> RecordingError {
+    match error {
+        McapError::UnexpectedEof => RecordingError::Unfinished { path: path.to_owned() },
+        error => container::damaged(path, error),
     }
 }
 
@@ -199,25 +241,8 @@ impl Iterator for Records {
         let next = self.read().transpose();
         if matches!(next, Some(Err(_))) {
             self.file.end();
-            self.chunk = None;
+            self.chunk.end();
         }
         next
     }
-}
-
-fn remember(channels: &mut Vec<Option<Channel>>, channel: &records::Channel, wanted: &[Channel]) {
-    let id = usize::from(channel.id);
-    if channels.len() <= id {
-        channels.resize(id + 1, None);
-    }
-    channels[id] = Channel::from_topic(&channel.topic).filter(|channel| wanted.contains(channel));
-}
-
-fn decode(path: &Path, channel: Channel, log_time: u64, data: &[u8]) -> Result<Record, RecordingError> {
-    codec::decode(channel, data).map_err(|detail| RecordingError::BadMessage {
-        path: path.to_owned(),
-        channel: channel.topic(),
-        time: Time::from_nanos(log_time),
-        detail,
-    })
 }

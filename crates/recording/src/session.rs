@@ -57,6 +57,9 @@ pub struct Session {
     pub mission_toml: Option<String>,
     /// The seed of a simulation's noise.
     pub seed: Option<u64>,
+    /// The recording's origin, ns since 1970 (UTC): log times and time stamps for viewers count from then on. `None`: from zero,
+    /// as in simulations, whose bytes repeat.
+    pub epoch_unix_ns: Option<u64>,
     /// Anything else, such as the start's wall-clock time and the host of a hardware run.
     pub extra: BTreeMap<String, String>,
 }
@@ -71,13 +74,16 @@ impl Session {
             mission_name: String::new(),
             mission_toml: None,
             seed: None,
+            epoch_unix_ns: None,
             extra: BTreeMap::new(),
         }
     }
 }
 
-/// Version of the channels, their messages and the metadata; raised when a reader of the version before would err.
-pub(crate) const SCHEMA_VERSION: u32 = 1;
+/// The latest version of the channels, their messages and the metadata; raised when a reader of the version before would err.
+pub(crate) const SCHEMA_VERSION: u32 = 2;
+/// That of recordings whose log times count from zero.
+const SCHEMA_VERSION_WITHOUT_EPOCH: u32 = 1;
 
 /// Version of the bench that is compiled in.
 pub(crate) const BENCH_VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -101,6 +107,7 @@ pub(crate) const RECOVERED: &str = "recovered";
 
 const MODE: &str = "mode";
 const SEED: &str = "seed";
+const EPOCH: &str = "epoch_unix_ns";
 const RIG: &str = "rig";
 const MISSION: &str = "mission";
 const BENCH: &str = "bench_version";
@@ -119,16 +126,20 @@ pub(crate) struct RecordedSession {
 impl Session {
     /// The metadata record [`SESSION_METADATA`].
     pub(crate) fn to_metadata(&self) -> BTreeMap<String, String> {
+        let version = self.epoch_unix_ns.map_or(SCHEMA_VERSION_WITHOUT_EPOCH, |_| SCHEMA_VERSION);
         let mut metadata = BTreeMap::from([
             (MODE.to_owned(), self.mode.to_string()),
             (RIG.to_owned(), self.rig_name.clone()),
             (MISSION.to_owned(), self.mission_name.clone()),
             (BENCH.to_owned(), BENCH_VERSION.to_owned()),
-            (SCHEMA.to_owned(), SCHEMA_VERSION.to_string()),
+            (SCHEMA.to_owned(), version.to_string()),
             (PLATFORM.to_owned(), format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)),
         ]);
         if let Some(seed) = self.seed {
             metadata.insert(SEED.to_owned(), seed.to_string());
+        }
+        if let Some(epoch_ns) = self.epoch_unix_ns {
+            metadata.insert(EPOCH.to_owned(), epoch_ns.to_string());
         }
         metadata
     }
@@ -153,12 +164,19 @@ impl RecordedSession {
             });
         }
         let mode = text(MODE).parse().map_err(|()| bad(MODE, "sim, hil or import"))?;
-        let seed = match metadata.get(SEED) {
-            Some(seed) => Some(seed.parse().map_err(|_| bad(SEED, "a whole number"))?),
-            None => None,
+        let number = |key: &'static str| match metadata.get(key) {
+            Some(number) => number.parse().map(Some).map_err(|_| bad(key, "a whole number")),
+            None => Ok(None),
         };
+        let (seed, epoch_unix_ns) = (number(SEED)?, number(EPOCH)?);
         Ok(Self {
-            session: Session { seed, rig_name: text(RIG), mission_name: text(MISSION), ..Session::new(mode) },
+            session: Session {
+                seed,
+                epoch_unix_ns,
+                rig_name: text(RIG),
+                mission_name: text(MISSION),
+                ..Session::new(mode)
+            },
             schema_version,
             bench_version: text(BENCH),
             platform: text(PLATFORM),

@@ -3,22 +3,26 @@
 use std::{
     collections::BTreeMap,
     io::{self, Write},
+    path::Path,
 };
 
-use bench_device::Time;
+use bench_device::{Time, TrackStatus};
+use bench_rig::Rig;
 use mcap::records::{self, AttachmentHeader, Metadata, SchemaHeader};
 
 use crate::{
-    Channel, Record, Session,
-    channel::{POSE_SCHEMA, Schema},
-    codec,
+    Channel, Record, Session, View, ViewerChannel,
+    channel::Schema,
+    codec::{self, since_epoch},
+    images,
     layout::{ChannelKey, Layout},
     session::{
         BENCH_VERSION, END_METADATA, EXTRA_METADATA, MISSION_ATTACHMENT, RIG_ATTACHMENT, SESSION_METADATA,
     },
+    viewer::{self, Placed, Room},
 };
 
-/// MCAP channel and schema of the pose; those of a [`Channel`] follow in its order.
+/// MCAP channels: that of the poses is the first, those of a [`Channel`] follow in its order, then the other ones for viewers.
 const POSE_ID: u16 = 1;
 
 /// Least time between two poses, s: thirty a second are what a three-dimensional view can show, whatever the rate of the
@@ -29,7 +33,14 @@ const fn channel_id(channel: Channel) -> u16 {
     POSE_ID + 1 + channel as u16
 }
 
-const CHANNEL_IDS: usize = POSE_ID as usize + 1 + Channel::ALL.len();
+const fn viewer_id(channel: ViewerChannel) -> u16 {
+    match channel {
+        ViewerChannel::Pose => POSE_ID,
+        other => POSE_ID + Channel::ALL.len() as u16 + other as u16,
+    }
+}
+
+const CHANNEL_IDS: usize = POSE_ID as usize + Channel::ALL.len() + ViewerChannel::ALL.len();
 
 /// Names the writer in the file.
 pub(crate) fn library() -> String {
@@ -41,13 +52,35 @@ pub(crate) struct MessageWriter<W: Write> {
     layout: Layout<W>,
     /// By the MCAP channel's number, from its first message on.
     channels: [Option<ChannelState>; CHANNEL_IDS],
-    last_pose: Option<Time>,
+    /// What log times count from, ns since 1970.
+    epoch_ns: u64,
+    /// The attached rig, until the scene is made of it with the first record.
+    rig_toml: Option<String>,
+    begun: bool,
+    truth: Rate,
+    tracked: Rate,
 }
 
 #[derive(Clone, Copy)]
 struct ChannelState {
     key: ChannelKey,
     next_sequence: u32,
+}
+
+/// Lets through what viewers can show.
+#[derive(Default)]
+struct Rate {
+    last: Option<Time>,
+}
+
+impl Rate {
+    fn is_due(&mut self, time: Time) -> bool {
+        let due = self.last.is_none_or(|last| time < last || time.since_s(last) >= POSE_INTERVAL_S);
+        if due {
+            self.last = Some(time);
+        }
+        due
+    }
 }
 
 impl<W: Write> MessageWriter<W> {
@@ -65,54 +98,126 @@ impl<W: Write> MessageWriter<W> {
             }
         }
         layout.flush()?;
-        Ok(Self { layout, channels: [None; CHANNEL_IDS], last_pose: None })
+        Ok(Self {
+            layout,
+            channels: [None; CHANNEL_IDS],
+            epoch_ns: session.epoch_unix_ns.unwrap_or(0),
+            rig_toml: session.rig_toml.clone(),
+            begun: false,
+            truth: Rate::default(),
+            tracked: Rate::default(),
+        })
     }
 
-    /// Writes a record and, beside a truth, the pose if one is due.
+    /// Writes a record and what viewers draw of it, if that is due.
     pub fn write(&mut self, record: &Record) -> io::Result<()> {
-        let channel = record.channel();
+        let (channel, time) = (record.channel(), record.time());
+        if !self.begun {
+            self.begun = true;
+            self.write_room(time)?;
+        }
         // When it was sent, where that is known apart from when it came.
-        let published_ns = match record {
-            Record::Position(position) => position.exposed_at.nanos(),
-            _ => record.time().nanos(),
+        let published = match record {
+            Record::Position(position) => position.exposed_at,
+            _ => time,
         };
-        let times = (record.time().nanos(), published_ns);
-        self.put(channel_id(channel), channel.topic(), &channel.schema(), times, |out| {
-            codec::encode(record, out);
-        })?;
-        if let Record::Truth(truth) = record
-            && self.pose_is_due(truth.time)
-        {
-            self.last_pose = Some(truth.time);
-            self.put(POSE_ID, Channel::POSE_TOPIC, &POSE_SCHEMA, times, |out| {
-                codec::encode_pose(truth, out);
-            })?;
+        let (epoch_ns, times) = (self.epoch_ns, (time, published));
+        self.put(
+            channel_id(channel),
+            channel_id(channel),
+            channel.topic(),
+            &channel.schema(),
+            times,
+            |out| {
+                codec::encode(record, epoch_ns, out);
+            },
+        )?;
+        match record {
+            Record::Truth(truth) if self.truth.is_due(time) => {
+                self.write_placed(ViewerChannel::Pose, &Placed::from(truth), times)
+            }
+            // Where there is a truth, a second pose beside it would cost more than it shows.
+            Record::Position(position)
+                if position.status != TrackStatus::Lost
+                    && self.truth.last.is_none()
+                    && self.tracked.is_due(time) =>
+            {
+                self.write_placed(ViewerChannel::TrackedPose, &Placed::from(position), times)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes a pose, and moves the airframe there.
+    fn write_placed(
+        &mut self,
+        channel: ViewerChannel,
+        placed: &Placed,
+        times: (Time, Time),
+    ) -> io::Result<()> {
+        let stamp = since_epoch(times.0, self.epoch_ns);
+        self.put_for_viewers(channel, times, |out| placed.encode_pose(stamp, out))?;
+        self.put_for_viewers(ViewerChannel::Transform, times, |out| placed.encode_transform(stamp, out))
+    }
+
+    /// Writes what stands still, by the attached rig. A rig that cannot be read is attached all the same; its scene is left out.
+    fn write_room(&mut self, time: Time) -> io::Result<()> {
+        let Some(rig_toml) = self.rig_toml.take() else { return Ok(()) };
+        let Ok(rig) = Rig::read(Path::new(RIG_ATTACHMENT), &rig_toml) else { return Ok(()) };
+        let room = Room::new(&rig, since_epoch(time, self.epoch_ns));
+        let messages = [
+            (ViewerChannel::Scene, Some(room.scene())),
+            (ViewerChannel::StaticTransforms, room.cameras()),
+            (ViewerChannel::Calibration, room.calibration()),
+        ];
+        for (channel, message) in messages {
+            if let Some(message) = message {
+                self.put_for_viewers(channel, (time, time), |out| out.extend_from_slice(&message))?;
+            }
         }
         Ok(())
     }
 
-    fn pose_is_due(&self, time: Time) -> bool {
-        self.last_pose.is_none_or(|last| time < last || time.since_s(last) >= POSE_INTERVAL_S)
+    /// Compresses a view and writes it.
+    pub fn write_view(&mut self, view: &View) -> io::Result<()> {
+        let png = images::png(view)?;
+        let stamp = since_epoch(view.exposed_at, self.epoch_ns);
+        self.put_for_viewers(view.channel, (view.arrived_at, view.exposed_at), |out| {
+            viewer::encode_image(view.channel, stamp, png, out);
+        })
     }
 
-    /// Writes a message; the channel is made known with its first one.
+    fn put_for_viewers(
+        &mut self,
+        channel: ViewerChannel,
+        times: (Time, Time),
+        encode: impl FnOnce(&mut Vec<u8>),
+    ) -> io::Result<()> {
+        let ids = (viewer_id(channel), viewer_id(channel.schema_of()));
+        self.put(ids.0, ids.1, channel.topic(), &channel.schema(), times, encode)
+    }
+
+    /// Writes a message; the channel, and its schema, are made known with the first one.
     fn put(
         &mut self,
         id: u16,
+        schema_id: u16,
         topic: &str,
         schema: &Schema,
-        (log_time, publish_time): (u64, u64),
+        (logged, published): (Time, Time),
         encode: impl FnOnce(&mut Vec<u8>),
     ) -> io::Result<()> {
         let channel = match &mut self.channels[usize::from(id)] {
             Some(channel) => channel,
             unknown => unknown.insert(ChannelState {
-                key: add_channel(&mut self.layout, id, topic, schema)?,
+                key: add_channel(&mut self.layout, (id, schema_id), topic, schema)?,
                 next_sequence: 0,
             }),
         };
         let sequence = channel.next_sequence;
         channel.next_sequence = sequence.wrapping_add(1);
+        let [log_time, publish_time] =
+            [logged, published].map(|time| since_epoch(time, self.epoch_ns).nanos());
         self.layout.message(channel.key, sequence, log_time, publish_time, encode)
     }
 
@@ -130,16 +235,18 @@ impl<W: Write> MessageWriter<W> {
 
 fn add_channel<W: Write>(
     layout: &mut Layout<W>,
-    id: u16,
+    (id, schema_id): (u16, u16),
     topic: &str,
     schema: &Schema,
 ) -> io::Result<ChannelKey> {
     let encoding = || "protobuf".to_owned();
-    let header = SchemaHeader { id, name: schema.name.to_owned(), encoding: encoding() };
-    layout.add_schema(&header, schema.descriptor_set)?;
+    if !layout.has_schema(schema_id) {
+        let header = SchemaHeader { id: schema_id, name: schema.name.to_owned(), encoding: encoding() };
+        layout.add_schema(&header, schema.descriptor_set)?;
+    }
     layout.add_channel(&records::Channel {
         id,
-        schema_id: id,
+        schema_id,
         topic: topic.to_owned(),
         message_encoding: encoding(),
         metadata: BTreeMap::new(),

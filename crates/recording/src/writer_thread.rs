@@ -15,7 +15,7 @@ use std::{
 use bench_device::Time;
 use rtrb::Consumer;
 
-use crate::{Options, Record, session::DROPPED, writer::MessageWriter};
+use crate::{Options, Record, images::Incoming, session::DROPPED, writer::MessageWriter};
 
 /// How long the thread sleeps when nothing wakes it; a record waits no longer than this before it is encoded.
 const POLL: Duration = Duration::from_millis(20);
@@ -82,6 +82,9 @@ pub(crate) struct Written {
 
 pub(crate) struct WriterThread<W: Write> {
     queue: Consumer<Record>,
+    views: Incoming,
+    /// Records taken off the queue.
+    taken: u64,
     shared: Arc<Shared>,
     /// The first error, once there was one: from then on records are taken off the queue and thrown away.
     messages: io::Result<MessageWriter<W>>,
@@ -97,12 +100,15 @@ pub(crate) struct WriterThread<W: Write> {
 impl<W: Output> WriterThread<W> {
     pub fn new(
         queue: Consumer<Record>,
+        views: Incoming,
         shared: Arc<Shared>,
         messages: MessageWriter<W>,
         options: &Options,
     ) -> Self {
         Self {
             queue,
+            views,
+            taken: 0,
             shared,
             messages: Ok(messages),
             flush_interval_s: options.flush_interval_s,
@@ -120,8 +126,11 @@ impl<W: Output> WriterThread<W> {
             // Read before the queue is emptied: all that was recorded before closing is then in it.
             let closing = self.shared.closing();
             while let Ok(record) = self.queue.pop() {
+                self.write_views();
                 self.write(&record);
+                self.taken += 1;
             }
+            self.write_views();
             match closing {
                 Some(Closing::Finish) => return self.finish().map(Some),
                 Some(Closing::Abandon) => return self.abandon().map(|()| None),
@@ -144,6 +153,14 @@ impl<W: Output> WriterThread<W> {
             self.unflushed_since.get_or_insert_with(Instant::now);
         }
         self.attempt(|messages| messages.write(record));
+    }
+
+    /// Writes the views that were given before any record that is still to come.
+    fn write_views(&mut self) {
+        while let Some(view) = self.views.next(self.taken) {
+            self.attempt(|messages| messages.write_view(&view));
+            self.views.give_back(view.rgb);
+        }
     }
 
     fn flush(&mut self) {

@@ -7,7 +7,7 @@ use bench_recording::{
     Battery, Command, ControlState, Event, EventText, Level, Mode, Options, ReadbackAt, Record, Recorder,
     Session, Tick, Truth,
     diff::{
-        Align, Derived, DiffError, DiffOptions, DiffReport, Exclusion, FieldReport, Reason, Repeats,
+        Align, Derived, DiffError, DiffOptions, DiffReport, Exclusion, FieldReport, Reason, Repeats, SizeOf,
         ToleranceKey, ToleranceOrigin, Tolerances, Verdict, diff, render_html, render_text,
     },
 };
@@ -260,7 +260,15 @@ fn tolerances_of_repeats_hold_for_one_more_and_not_for_another_flight() {
     assert!(render_text(&report, false).contains("6 simulations"));
     // An offset as large as the waves is beyond the mean of any pair, if within the largest difference.
     let raised = Flight { altitude: |t| altitude(t) + 0.03, ..Flight::default() }.write(&folder, "c.mcap");
-    assert_eq!(compare_with(&a, &raised, &options).verdict(), Verdict::Different);
+    let report = compare_with(&a, &raised, &options);
+    assert_eq!(report.verdict(), Verdict::Different);
+    // Which size is beyond is told: of the altitude the mean alone.
+    let z = field(&report, Z).difference.as_ref().expect("numbers");
+    let beyond: Vec<SizeOf> = z.sizes.iter().filter(|size| size.is_beyond()).map(|size| size.of).collect();
+    assert_eq!(beyond, [SizeOf::Mean]);
+    assert_eq!(z.sizes[0].times_tolerance, z.times_tolerance);
+    assert!((z.sizes[0].value - 0.03).abs() < 1e-6, "{:?}", z.sizes);
+    assert!(render_text(&report, true).contains(" mean 0.03 m ("), "{}", report.summary);
     // Without repeats the rig's numbers hold: 5 mm of resolution and 8.5 mm of noise of two samples.
     let alone = Derived { rig, mission: "made up".to_owned(), repeats: None };
     let options = DiffOptions { derived: Some(alone), ..DiffOptions::default() };

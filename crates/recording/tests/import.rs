@@ -7,7 +7,7 @@ use std::{
 
 use bench_device::{Time, TrackStatus};
 use bench_recording::{
-    Flight, Level, Mode, Recording,
+    Channel, Flight, Level, Mode, Recording, ViewerChannel,
     import::{ImportError, ImportMap, ImportReport, SkipReason, import},
 };
 use bench_rig::{GRAVITY_M_S2, Phase, Problem, Rig, RigError, Uncertain};
@@ -207,7 +207,11 @@ fn an_import_has_the_shape_of_a_simulated_recording() {
     assert_eq!(report.channels["/tracker/position"], 46);
     assert_eq!(report.channels["/control/command"], 50);
     let messages: u64 = report.channels.values().sum();
-    assert_eq!(messages, recording.info().channels.iter().map(|channel| channel.messages).sum::<u64>());
+    assert_eq!(messages, Channel::ALL.into_iter().map(|channel| recording.count(channel)).sum::<u64>());
+    // For viewers the attached rig comes along as a scene, and the positions as poses.
+    let scenes =
+        recording.info().channels.iter().find(|channel| channel.name == ViewerChannel::Scene.topic());
+    assert_eq!(scenes.map(|channel| channel.messages), Some(1));
 
     let again = Bench::new(fs::read(bench.log()).unwrap());
     again.import_with(&foreign, Some(&rig)).unwrap();

@@ -4,7 +4,7 @@ mod common;
 
 use std::{env, path::Path, process::Command};
 
-use bench_recording::{Channel, Field, Record, Value};
+use bench_recording::{Channel, Field, Record, Value, ViewerChannel};
 use common::{one_of_each, session, write};
 use serde_json::Value as Json;
 use tempfile::tempdir;
@@ -33,7 +33,7 @@ fn python_sees_the_same_values() {
             check(&message[1], record);
         }
     }
-    let poses = seen["messages"][Channel::POSE_TOPIC].as_array().unwrap();
+    let poses = seen["messages"][ViewerChannel::Pose.topic()].as_array().unwrap();
     assert_eq!(poses.len(), 30);
     let Record::Truth(truth) = records[5] else { panic!("the sixth record is a truth") };
     assert_eq!(poses[0][1]["frame_id"], "world");
@@ -47,9 +47,7 @@ fn check(message: &Json, record: &Record) {
         assert_eq!(message["level"], "WARNING");
         return;
     }
-    let mut values = Vec::new();
-    record.values(&mut values);
-    for (field, value) in record.channel().fields().iter().zip(values) {
+    for (field, value) in record.channel().fields().iter().zip(record.values()) {
         let seen = find(message, field);
         let context = format!("{:?} {}: {seen}", record.channel(), field.name);
         match value {

@@ -21,8 +21,9 @@ fn every_kind_of_record_comes_back_as_it_was() {
     for channel in Channel::ALL {
         assert_eq!(recording.count(channel), 30, "{channel:?}");
     }
-    // The truth stands twice: once more as a pose.
-    assert_eq!(finished.messages, 330);
+    // For viewers the truth stands twice more, as a pose and as a transform; so does the first position, which comes before any truth.
+    // The rig tells no room.
+    assert_eq!(finished.messages, 300 + 2 * 30 + 2);
     assert_eq!(finished.bytes, fs::metadata(&path).unwrap().len());
     assert_eq!(finished.dropped, 0);
 }
@@ -30,10 +31,36 @@ fn every_kind_of_record_comes_back_as_it_was() {
 #[test]
 fn the_session_comes_back_as_it_was() {
     let folder = tempdir().unwrap();
-    for session in [session(), Session::new(Mode::Import), Session { seed: Some(u64::MAX), ..session() }] {
+    for session in
+        [session(), Session::new(Mode::Import), Session { seed: Some(u64::MAX), ..session() }, with_epoch()]
+    {
         let (path, _) = write(folder.path(), "session.mcap", &session, &one_of_each(0.0));
         assert_eq!(Recording::open(&path).unwrap().session(), &session);
     }
+}
+
+/// A session that began in 2023.
+fn with_epoch() -> Session {
+    Session { epoch_unix_ns: Some(1_700_000_000_250_000_000), ..session() }
+}
+
+/// Log times and events count from the epoch in the file, and from the origin in what is read.
+#[test]
+fn an_epoch_moves_log_times_and_nothing_that_is_read() {
+    let folder = tempdir().unwrap();
+    let records = flight(3.0);
+    let (plain, _) = write(folder.path(), "plain.mcap", &session(), &records);
+    let (path, _) = write(folder.path(), "epoch.mcap", &with_epoch(), &records);
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.records().unwrap().map(Result::unwrap).collect::<Vec<_>>(), records);
+    let (info, without) = (Info::read(&path).unwrap(), Info::read(plain).unwrap());
+    assert_eq!((info.first_time_s, info.last_time_s), (without.first_time_s, without.last_time_s));
+    assert_eq!((info.epoch_unix_s, without.epoch_unix_s), (Some(1_700_000_000.25), None));
+    // Readers of before would take the time of events for a time of flight.
+    assert_eq!((info.schema_version, without.schema_version), (2, 1));
+    let bytes = fs::read(&path).unwrap();
+    let first = mcap::MessageStream::new(&bytes).unwrap().next().unwrap().unwrap();
+    assert_eq!(first.log_time, 1_700_000_000_250_000_000);
 }
 
 #[test]
@@ -72,6 +99,8 @@ fn info_tells_what_a_recording_holds() {
             ("/plant/pose", 50),
             ("/plant/truth", 100),
             ("/rotor", 2),
+            // Where the truth was, viewers have the airframe.
+            ("/tf", 50),
             ("/tracker/position", 50),
         ]
     );
@@ -93,8 +122,7 @@ fn a_recording_without_messages_is_whole_and_has_no_times() {
 #[test]
 fn each_field_has_values_of_its_kind_and_the_first_is_the_time() {
     for record in one_of_each(0.3) {
-        let mut values = Vec::new();
-        record.values(&mut values);
+        let values = record.values();
         let fields = record.channel().fields();
         assert_eq!(values.len(), fields.len());
         assert_eq!(values[0], Value::Time(record.time()), "{:?}", record.channel());

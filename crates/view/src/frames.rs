@@ -102,7 +102,13 @@ impl Draws {
                 thread::park();
                 continue;
             };
-            let views = Views::draw(&seen.frame, &self.camera, &seen.candidates, &seen.sighting);
+            let views = Views::draw(
+                [const { Vec::new() }; 3],
+                &seen.frame,
+                &self.camera,
+                &seen.candidates,
+                &seen.sighting,
+            );
             let time_s = seen.frame.arrived_at.seconds();
             // There is room for all frames that there are.
             let _ = self.spares.push(seen);

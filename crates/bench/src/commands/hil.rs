@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mission = files::mission(&arguments.mission, &arguments.rig)?;
     let seeing = seeing(arguments, &rig, &mission)?;
     let output = arguments.output.clone().unwrap_or_else(|| {
-        let which = format!("seed{}_{}", arguments.seed, unix_seconds());
+        let which = format!("seed{}_{}", arguments.seed, since_1970().as_secs());
         files::default_recording(&format!("hil_{}", rig.name), &mission.name, &added, &which)
     });
     Outputs::new(arguments.force.force)
@@ -397,15 +397,15 @@ fn there_is() -> String {
     }
 }
 
-fn unix_seconds() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+fn since_1970() -> Duration {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }
 
 fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str, ready: &Ready) -> Session {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let extra = [
         (ADDED_EFFECTS, added.join("; ")),
-        ("started_unix_s", unix_seconds().to_string()),
+        ("started_unix_s", since_1970().as_secs().to_string()),
         ("host", host.trim().to_owned()),
         ("port", port.to_owned()),
         ("board", ready.identity.to_string()),
@@ -421,6 +421,8 @@ fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str
         mission_name: mission.name.clone(),
         mission_toml: Some(mission.to_toml()),
         seed: Some(seed),
+        // The loop's clock starts as soon as the recorder is there.
+        epoch_unix_ns: u64::try_from(since_1970().as_nanos()).ok(),
         extra: extra.map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
         ..Session::new(Mode::Hil)
     }

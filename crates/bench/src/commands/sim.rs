@@ -26,6 +26,7 @@ use crate::{
     live::{self, Ends, LiveArguments, Page},
     progress::{self, Progress},
     recorded,
+    recorded_views::RecordedViews,
     seen::{self, Watch},
     signals, words,
 };
@@ -38,6 +39,7 @@ use crate::{
   bench sim --mission hop --effect battery-load:sag=0.05,time_constant_s=0.5 --json
   bench sim --frames --views views/
   bench sim --live --realtime --frames
+  bench sim --frames --record-views 5 --epoch 1700000000
 
 With --live the flight is on a page in the browser, whose address is printed; docs/live.md tells
 what it shows and takes. The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
@@ -66,6 +68,12 @@ pub struct Arguments {
     /// Draw the first of every so many frames
     #[arg(long, default_value_t = 15, value_name = "FRAMES", value_parser = clap::value_parser!(u64).range(1..))]
     views_every: u64,
+    /// Record the three views for viewers, so many a second of flight
+    #[arg(long, value_name = "HZ", requires = "frames", value_parser = rate)]
+    record_views: Option<f64>,
+    /// What log times count from, for viewers: seconds since 1970 (UTC), or `none` to count from the start
+    #[arg(long, value_name = "UNIX_SECONDS", default_value = "none", value_parser = epoch)]
+    epoch: Epoch,
     /// Recording to write [default: in recordings/, named after rig, mission, effects and seed]
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -89,6 +97,27 @@ enum ModelChoice {
     Vertical,
     /// Rigid body with six degrees of freedom
     SixDegree,
+}
+
+/// An instant in nanoseconds since 1970, or none.
+#[derive(Clone, Copy)]
+struct Epoch(Option<u64>);
+
+fn epoch(text: &str) -> Result<Epoch, String> {
+    if text == "none" {
+        return Ok(Epoch(None));
+    }
+    let seconds = text.parse::<f64>().ok().filter(|seconds| (0.0..EPOCH_MAX_S).contains(seconds));
+    let seconds = seconds.ok_or("seconds since 1970, such as 1700000000, or `none`")?;
+    Ok(Epoch(Some((seconds * 1e9).round() as u64)))
+}
+
+/// Log times are 64 bits of nanoseconds; this leaves room for flights until the year 2500.
+const EPOCH_MAX_S: f64 = 16.7e9;
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate_hz = text.parse().ok().filter(|rate_hz| (0.01..=30.0).contains(rate_hz));
+    rate_hz.ok_or_else(|| "a rate from 0.01 to 30 a second, the frames' own".to_owned())
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
@@ -127,7 +156,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }
     recorded::note_changes(&mut session, &changes);
-    let recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
+    session.epoch_unix_ns = arguments.epoch.0;
+    let mut recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
+    let record_views = |rate_hz| {
+        recorder.images().map(|images| RecordedViews::new(images, rate_hz, rig.tracker.latency_s.value))
+    };
+    let mut recorded_views = arguments.record_views.and_then(record_views);
     let (watcher, mut controls) = watched
         .as_mut()
         .and_then(|watched| watched.ends.take())
@@ -166,6 +200,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
                 if let Some(frames) = &mut frames {
                     frames.see(frame, tracker, sighting);
                 }
+                if let Some(views) = &mut recorded_views {
+                    views.see(frame, tracker, sighting);
+                }
             };
             let see = |exposures| seen::tracker(exposures, calibration, &rig, arguments.seed, look);
             simulate_seen(&rig, &mission, arguments.seed, see, &mut sink, each)?
@@ -186,7 +223,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     tell(arguments, &flight, &finished, took)?;
     let outcome = flight.outcome(flight.in_words(&finished));
-    let exit = keep(arguments, &output, finished, watch.failed())?.unwrap_or_else(|| flight.exit());
+    let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
+    let exit = keep(arguments, &output, finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
         let Watched { page, runtime, mut interrupts, .. } = watched;
         runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));

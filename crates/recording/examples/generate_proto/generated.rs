@@ -10,7 +10,7 @@ use std::{
 use prost::Message;
 
 /// Files whose messages are channels: the descriptor set of each is `<stem>.fds`.
-const CHANNELS: [&str; 11] = [
+const CHANNELS: [&str; 16] = [
     "bench/v1/battery.proto",
     "bench/v1/command.proto",
     "bench/v1/control_state.proto",
@@ -20,8 +20,13 @@ const CHANNELS: [&str; 11] = [
     "bench/v1/rotor.proto",
     "bench/v1/tick.proto",
     "bench/v1/truth.proto",
+    "foxglove/CameraCalibration.proto",
+    "foxglove/CompressedImage.proto",
+    "foxglove/FrameTransform.proto",
+    "foxglove/FrameTransforms.proto",
     "foxglove/Log.proto",
     "foxglove/PoseInFrame.proto",
+    "foxglove/SceneUpdate.proto",
 ];
 
 /// The generated files by name, from the `.proto` files in `proto`.

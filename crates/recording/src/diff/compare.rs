@@ -4,18 +4,21 @@
 //! the samples of [`FieldMerge::reach_ns`] or so on either side.
 
 use std::{
-    collections::{BTreeMap, VecDeque},
-    sync::mpsc::{Receiver, SyncSender, sync_channel},
+    collections::{BTreeMap, btree_map},
+    sync::{
+        Arc,
+        mpsc::{Receiver, SyncSender, sync_channel},
+    },
     thread,
 };
 
 use super::{
     align::TimeMap,
-    law::{Cell, Entry, Extractor, Interpolation, Law, catalogue, name_number, slots, wrapped},
+    law::{Cell, Entry, Extractor, Interpolation, Law, catalogue, slots, wrapped},
     report::{Tolerance, Trace},
     scan::Scan,
     series::{Series, Shift, best_shift},
-    trace::TraceBuilder,
+    trace::{Stretches, TraceBuilder},
 };
 use crate::{Channel, Record, RecordingError, Value};
 
@@ -101,6 +104,8 @@ struct Sample {
     t_ns: i64,
     /// Samples of different pieces have nothing between them.
     piece: u32,
+    /// Where it is drawn.
+    stretch: u32,
     value: f64,
 }
 
@@ -118,8 +123,10 @@ impl Digest {
 
 /// One recording's samples of a field.
 struct Track {
-    window: VecDeque<Sample>,
-    /// How many at the window's front have been compared.
+    /// In order of time. Those before `kept_from` are not needed any more.
+    window: Vec<Sample>,
+    kept_from: usize,
+    /// The first one that has not been compared.
     judged: usize,
     gap_ns: i64,
     count: u64,
@@ -130,10 +137,33 @@ struct Track {
     last_ns: i64,
 }
 
+/// Where instants lie among the samples of the other recording: the first sample behind each. Instants are looked up in order of
+/// time, so that each look-up goes on from the one before.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cursors {
+    instant: usize,
+    /// At the beginning and at the end of the time tolerance around it.
+    ends: [usize; 2],
+    /// The first sample within the time tolerance.
+    first: usize,
+}
+
+impl Cursors {
+    fn shift(&mut self, by: usize) {
+        for cursor in [&mut self.instant, &mut self.first].into_iter().chain(&mut self.ends) {
+            *cursor = cursor.saturating_sub(by);
+        }
+    }
+}
+
+/// Room is made at a window's front once so many samples of it are not needed any more.
+const SPARE_MAX: usize = 1024;
+
 impl Track {
     fn new(gap_ns: i64) -> Self {
         Self {
-            window: VecDeque::new(),
+            window: Vec::new(),
+            kept_from: 0,
             judged: 0,
             gap_ns,
             count: 0,
@@ -153,14 +183,24 @@ impl Track {
         self.count += 1;
         self.digest.add(sample.t_ns.cast_unsigned());
         self.digest.add(sample.value.to_bits());
-        self.window.push_back(sample);
+        self.window.push(sample);
         true
     }
 
+    /// Moves a cursor on to the first sample that is not `before`.
+    fn seek(&self, cursor: &mut usize, before: impl Fn(i64) -> bool) -> usize {
+        *cursor = (*cursor).max(self.kept_from);
+        while self.window.get(*cursor).is_some_and(|sample| before(sample.t_ns)) {
+            *cursor += 1;
+        }
+        *cursor
+    }
+
     /// The value at an instant.
-    fn at(&self, law: Law, t_ns: i64, piece: u32) -> Option<f64> {
-        let after = self.window.partition_point(|sample| sample.t_ns <= t_ns);
-        let before = self.window.get(after.checked_sub(1)?).filter(|sample| sample.piece == piece)?;
+    fn at(&self, cursor: &mut usize, law: Law, t_ns: i64, piece: u32) -> Option<f64> {
+        let after = self.seek(cursor, |other_ns| other_ns <= t_ns);
+        let before = after.checked_sub(1).filter(|before| *before >= self.kept_from)?;
+        let before = self.window.get(before).filter(|sample| sample.piece == piece)?;
         let since_ns = t_ns.saturating_sub(before.t_ns);
         if since_ns == 0 {
             return Some(before.value);
@@ -181,21 +221,34 @@ impl Track {
     /// The differences to a sample's value within a time of it: at the ends of that time, where there is a value, and of all
     /// samples between them, those beyond a seam as well. What follows from a new phase, such as thrust, follows a little later in
     /// real time than in a simulation.
-    fn around(&self, law: Law, sample: Sample, within_ns: i64) -> impl Iterator<Item = f64> {
+    fn around(
+        &self,
+        cursors: &mut Cursors,
+        law: Law,
+        sample: Sample,
+        within_ns: i64,
+    ) -> impl Iterator<Item = f64> {
         let (from_ns, until_ns) =
             (sample.t_ns.saturating_sub(within_ns), sample.t_ns.saturating_add(within_ns));
-        let ends = [from_ns, until_ns].map(|t_ns| self.at(law, t_ns, sample.piece));
-        let first = self.window.partition_point(|other| other.t_ns < from_ns);
-        let between = self.window.range(first..).take_while(move |other| other.t_ns <= until_ns);
+        let [begin, end] = &mut cursors.ends;
+        let ends = [self.at(begin, law, from_ns, sample.piece), self.at(end, law, until_ns, sample.piece)];
+        let first = self.seek(&mut cursors.first, |other_ns| other_ns < from_ns);
+        let between = self.window[first..].iter().take_while(move |other| other.t_ns <= until_ns);
         let between = between.map(|other| other.value);
         ends.into_iter().flatten().chain(between).map(move |value| difference(law, sample.value, value))
     }
 
-    fn prune(&mut self, before_ns: i64) {
-        while self.judged > 0 && self.window.front().is_some_and(|sample| sample.t_ns < before_ns) {
-            self.window.pop_front();
-            self.judged -= 1;
+    /// Forgets what was compared and lies before an instant; by how many samples all of the others' places are less from now on.
+    fn prune(&mut self, before_ns: i64) -> usize {
+        while self.kept_from < self.judged && self.window[self.kept_from].t_ns < before_ns {
+            self.kept_from += 1;
         }
+        if self.kept_from < SPARE_MAX {
+            return 0;
+        }
+        self.window.drain(..self.kept_from);
+        self.judged -= self.kept_from;
+        std::mem::take(&mut self.kept_from)
     }
 }
 
@@ -212,13 +265,20 @@ struct Match {
     off: f64,
 }
 
-fn match_sample(law: Law, sample: Sample, other: &Track, within_ns: i64) -> Option<Match> {
-    let instant = other.at(law, sample.t_ns, sample.piece).map(|value| difference(law, sample.value, value));
+fn match_sample(
+    law: Law,
+    sample: Sample,
+    other: &Track,
+    cursors: &mut Cursors,
+    within_ns: i64,
+) -> Option<Match> {
+    let instant = other.at(&mut cursors.instant, law, sample.t_ns, sample.piece);
+    let instant = instant.map(|value| difference(law, sample.value, value));
     if within_ns == 0 {
         return instant.map(|now| Match { now, off: now.abs() });
     }
     let (mut low, mut high, mut least) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY);
-    for x in other.around(law, sample, within_ns).chain(instant) {
+    for x in other.around(cursors, law, sample, within_ns).chain(instant) {
         low = low.min(x);
         high = high.max(x);
         if x.abs() < least.abs() {
@@ -243,6 +303,8 @@ struct FieldMerge<'a> {
     /// Where pieces of the alignment are cut short.
     cuts_ns: &'a [Option<[i64; 2]>],
     tracks: [Track; 2],
+    /// Where A's instants lie in B's track, and B's in A's.
+    cursors: [Cursors; 2],
     /// Samples since some were last compared.
     unsettled: usize,
     /// Instants of which both recordings have samples of anything; events outside are not looked for.
@@ -259,6 +321,7 @@ impl<'a> FieldMerge<'a> {
         Self {
             within_ns: (setup.tolerance.time_s * 1e9).round() as i64,
             tracks: setup.gaps_ns.map(Track::new),
+            cursors: [Cursors::default(); 2],
             unsettled: 0,
             cuts_ns,
             shared_ns,
@@ -283,7 +346,7 @@ impl<'a> FieldMerge<'a> {
             series[side].push(sample.t_ns, sample.value);
         }
         if let Some(trace) = &mut self.trace {
-            trace.value(side, sample.t_ns, sample.value);
+            trace.value(side, sample.stretch, sample.t_ns, sample.value);
         }
         // Both recordings come in one order of time, so all that is older than this has come.
         self.unsettled += 1;
@@ -304,7 +367,9 @@ impl<'a> FieldMerge<'a> {
             }
         }
         let needed_ns = before_ns.saturating_sub(self.reach_ns());
-        self.tracks.iter_mut().for_each(|track| track.prune(needed_ns));
+        for (track, cursors) in self.tracks.iter_mut().zip(self.cursors.iter_mut().rev()) {
+            cursors.shift(track.prune(needed_ns));
+        }
     }
 
     /// What answers to a sample may come earlier or later, by the time tolerance, and so lie in what is not compared.
@@ -321,7 +386,7 @@ impl<'a> FieldMerge<'a> {
             return;
         }
         let other = &self.tracks[1 - side];
-        let Some(found) = match_sample(law, sample, other, self.within_ns) else {
+        let Some(found) = match_sample(law, sample, other, &mut self.cursors[side], self.within_ns) else {
             let expected = law.interpolation == Interpolation::None
                 && (self.shared_ns.0..=self.shared_ns.1).contains(&sample.t_ns);
             if expected {
@@ -336,11 +401,13 @@ impl<'a> FieldMerge<'a> {
             let b_less_a = if side == 0 { found.now } else { -found.now };
             self.tally.add(sample.t_ns, b_less_a, found.off, tolerance.rms);
             if let Some(trace) = &mut self.trace {
-                trace.difference(sample.t_ns, b_less_a);
+                trace.difference(sample.stretch, sample.t_ns, b_less_a);
             }
         }
         let allowed = tolerance.absolute.max(tolerance.relative * sample.value.abs().max(there.abs()));
-        if !law.exact && found.off > 0.0 {
+        // Most samples are so clearly not the worst one that the division is not worth it.
+        let is_clearly_less = found.off < 0.999 * self.tally.worst * allowed;
+        if !law.exact && found.off > 0.0 && !is_clearly_less {
             self.tally.worst = self.tally.worst.max(found.off / allowed);
         }
         if found.off > allowed {
@@ -396,14 +463,30 @@ impl Tally {
 #[derive(Default)]
 struct Names {
     names: BTreeMap<u64, String>,
+    /// By slot, the number that was learnt last: names come many times in a row.
+    last: Vec<u64>,
 }
 
 impl Names {
-    fn learn(&mut self, entries: &[Entry], slot: usize, record: &Record) {
-        if let Value::Text(text) = entries[slot].field.value(record)
-            && self.names.len() < NAMES_MAX
-        {
-            self.names.entry(name_number(text).to_bits()).or_insert_with(|| text.to_owned());
+    /// Takes note of a name; gives it if it is a new one.
+    fn learn(&mut self, entries: &[Entry], slot: usize, number: f64, record: &Record) -> Option<&str> {
+        let number = number.to_bits();
+        self.last.resize(entries.len(), u64::MAX);
+        if std::mem::replace(&mut self.last[slot], number) == number || self.names.len() >= NAMES_MAX {
+            return None;
+        }
+        let Value::Text(text) = entries[slot].field.value(record) else { return None };
+        match self.names.entry(number) {
+            btree_map::Entry::Vacant(place) => Some(place.insert(text.to_owned())),
+            btree_map::Entry::Occupied(_) => None,
+        }
+    }
+
+    fn add(&mut self, names: Vec<(u64, String)>) {
+        for (number, name) in names {
+            if self.names.len() < NAMES_MAX {
+                self.names.entry(number).or_insert(name);
+            }
         }
     }
 
@@ -437,30 +520,10 @@ pub(super) fn compare(
     // A file that is out of order is read once a channel: each for itself is in order, or nothing is.
     if a.is_unsorted() || b.is_unsorted() {
         for channel in channels {
-            read_both(a, b, map, &[channel], &mut merges, &mut names)?;
+            compare_channels(a, b, (map, axis), &[channel], &mut merges, &mut names)?;
         }
-    } else if a.records.max(b.records) < SHARED_OUT_FROM {
-        read_both(a, b, map, &channels, &mut merges, &mut names)?;
     } else {
-        let [here, there] = halves(&channels, a, b);
-        let mut others = Vec::new();
-        others.resize_with(merges.len(), || None);
-        for slot in there.iter().flat_map(|channel| slots_of(*channel)) {
-            others[slot] = merges[slot].take();
-        }
-        let mut other_names = Names::default();
-        let [first, second] = thread::scope(|scope| {
-            let other = scope.spawn(|| read_both(a, b, map, &there, &mut others, &mut other_names));
-            let first = read_both(a, b, map, &here, &mut merges, &mut names);
-            [first, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
-        });
-        first.and(second)?;
-        names.names.extend(other_names.names);
-        for (merge, other) in merges.iter_mut().zip(others) {
-            if other.is_some() {
-                *merge = other;
-            }
-        }
+        compare_channels(a, b, (map, axis), &channels, &mut merges, &mut names)?;
     }
     Ok(merges.into_iter().map(|merge| merge.map(|merge| merge.finish(&names))).collect())
 }
@@ -471,112 +534,223 @@ fn slots_of(channel: Channel) -> std::ops::Range<usize> {
     first..first + channel.fields().len()
 }
 
-/// The channels in two parts of about as many samples.
-fn halves(channels: &[Channel], a: &Scan, b: &Scan) -> [Vec<Channel>; 2] {
-    let samples = |channel: &Channel| -> u64 {
-        slots_of(*channel).map(|slot| a.fields[slot].count + b.fields[slot].count).sum()
-    };
-    let mut channels: Vec<(u64, Channel)> =
-        channels.iter().map(|channel| (samples(channel), *channel)).collect();
-    channels.sort_by_key(|(samples, _)| std::cmp::Reverse(*samples));
-    let mut halves = [(0, Vec::new()), (0, Vec::new())];
-    for (samples, channel) in channels {
-        let smaller = usize::from(halves[1].0 < halves[0].0);
-        halves[smaller].0 += samples;
-        halves[smaller].1.push(channel);
+/// Samples of both recordings in one order of time, by channel. What compares goes through it field by field, so that what is kept
+/// of a field stays at hand.
+struct Block {
+    records: usize,
+    /// By channel: where each record belongs.
+    places: [Vec<Place>; Channel::ALL.len()],
+    /// By slot of the catalogue: the number of each record of the channel; not a number where there is none.
+    numbers: Vec<Vec<f64>>,
+}
+
+#[derive(Clone, Copy)]
+struct Place {
+    side: usize,
+    /// Instant on A's clock, ns, and piece; `None` where the other recording has no such instant.
+    at: Option<(i64, u32)>,
+    /// The stretch of the traces that it lies in.
+    stretch: u32,
+}
+
+impl Block {
+    /// Records of a block.
+    const RECORDS: usize = 1024;
+
+    fn new(slots: usize) -> Self {
+        Self { records: 0, places: Default::default(), numbers: vec![Vec::new(); slots] }
     }
-    halves.map(|(_, channels)| channels)
+
+    /// Hands the samples of some fields to what compares them.
+    fn compare(&self, fields: &mut [Shared<'_, '_>]) {
+        for Shared { channel, slot, merge } in fields {
+            for (place, value) in self.places[*channel as usize].iter().zip(&self.numbers[*slot]) {
+                match place.at {
+                    _ if value.is_nan() => {}
+                    Some((t_ns, piece)) => {
+                        let stretch = place.stretch;
+                        merge.push(place.side, Sample { t_ns, piece, stretch, value: *value });
+                    }
+                    None => merge.tracks[place.side].left_out += 1,
+                }
+            }
+        }
+    }
+}
+
+/// A field in the hands of the thread that compares it.
+struct Shared<'m, 'a> {
+    channel: Channel,
+    slot: usize,
+    merge: &'m mut FieldMerge<'a>,
+}
+
+/// Reads both recordings, each on a thread of its own, and compares the fields of some channels: here, or on two more threads
+/// where there is much to compare. Blocks go from here to both, which wait for nothing else.
+fn compare_channels(
+    a: &Scan,
+    b: &Scan,
+    (map, axis): (&TimeMap, Option<Axis>),
+    channels: &[Channel],
+    merges: &mut [Option<FieldMerge<'_>>],
+    names: &mut Names,
+) -> Result<(), RecordingError> {
+    let entries = catalogue();
+    let plan = Plan {
+        map,
+        slots: slots(),
+        wanted: merges.iter().map(Option::is_some).collect(),
+        stretches: axis.map(Stretches::of),
+    };
+    let mut fields: Vec<Shared<'_, '_>> = merges
+        .iter_mut()
+        .zip(&entries)
+        .enumerate()
+        .filter(|(_, (_, entry))| channels.contains(&entry.channel))
+        .filter_map(|(slot, (merge, entry))| {
+            merge.as_mut().map(|merge| Shared { channel: entry.channel, slot, merge })
+        })
+        .collect();
+    thread::scope(|scope| {
+        let receivers = [a, b].map(|scan| {
+            let (sender, receiver) = sync_channel(BATCHES);
+            let entries = &entries;
+            scope.spawn(move || read_ahead(scan, channels, entries, &sender));
+            receiver
+        });
+        if a.records.max(b.records) < SHARED_OUT_FROM {
+            let take = |block: Block| block.compare(&mut fields);
+            return make_blocks(receivers, &plan, names, take);
+        }
+        let senders = halves(fields, a, b).map(|mut fields| {
+            let (sender, receiver) = sync_channel::<Arc<Block>>(BLOCKS);
+            scope.spawn(move || receiver.iter().for_each(|block| block.compare(&mut fields)));
+            sender
+        });
+        make_blocks(receivers, &plan, names, |block| {
+            let block = Arc::new(block);
+            for sender in &senders {
+                // It fails only where the other end has panicked, which the end of the scope tells.
+                let _ = sender.send(Arc::clone(&block));
+            }
+        })
+    })
+}
+
+/// The fields in two parts of about as many samples.
+fn halves<'m, 'a>(mut fields: Vec<Shared<'m, 'a>>, a: &Scan, b: &Scan) -> [Vec<Shared<'m, 'a>>; 2] {
+    let samples = |field: &Shared| a.fields[field.slot].count + b.fields[field.slot].count;
+    fields.sort_by_key(|field| std::cmp::Reverse(samples(field)));
+    let mut halves = [(0, Vec::new()), (0, Vec::new())];
+    for field in fields {
+        let smaller = usize::from(halves[1].0 < halves[0].0);
+        halves[smaller].0 += samples(&field);
+        halves[smaller].1.push(field);
+    }
+    halves.map(|(_, fields)| fields)
 }
 
 /// Records that a thread reads ahead before it waits: so many a batch, and so many batches.
 const BATCH: usize = 256;
 const BATCHES: usize = 4;
+/// Blocks that wait for being compared.
+const BLOCKS: usize = 2;
 
-type Batch = Vec<Result<(i64, Record), RecordingError>>;
-
-/// Each recording is read by a thread of its own; this one compares.
-fn read_both(
-    a: &Scan,
-    b: &Scan,
-    map: &TimeMap,
-    channels: &[Channel],
-    merges: &mut [Option<FieldMerge<'_>>],
-    names: &mut Names,
-) -> Result<(), RecordingError> {
-    thread::scope(|scope| {
-        let ends = [a, b].map(|scan| {
-            let (sender, receiver) = sync_channel(BATCHES);
-            scope.spawn(move || read_ahead(scan, channels, &sender));
-            Ahead { receiver, batch: Vec::new().into_iter() }
-        });
-        merge_both(ends, map, merges, names)
-    })
+/// Records of one recording in order of time, as numbers.
+#[derive(Default)]
+struct Batch {
+    /// Instant, ns, and channel of each.
+    records: Vec<(i64, Channel)>,
+    /// The numbers of all fields of one record after those of another; not a number where there is none.
+    numbers: Vec<f64>,
+    /// Names that no batch before had, with the numbers that stand for them.
+    names: Vec<(u64, String)>,
+    /// What ended the reading after these records.
+    error: Option<RecordingError>,
 }
 
 /// Sends the records of a recording in order of time until nobody wants them any more.
-fn read_ahead(scan: &Scan, channels: &[Channel], sender: &SyncSender<Batch>) {
+fn read_ahead(scan: &Scan, channels: &[Channel], entries: &[Entry], sender: &SyncSender<Batch>) {
     let mut records = match scan.sorted(channels) {
         Ok(records) => records,
         Err(error) => {
             // Nobody is left to tell only if the other recording has failed already.
-            let _ = sender.send(vec![Err(error)]);
+            let _ = sender.send(Batch { error: Some(error), ..Batch::default() });
             return;
         }
     };
+    let mut extractor = Extractor::new();
+    let mut names = Names::default();
     loop {
-        let batch: Batch = records.by_ref().take(BATCH).collect();
-        if batch.is_empty() || sender.send(batch).is_err() {
+        let mut batch = Batch::default();
+        for read in records.by_ref().take(BATCH) {
+            let (t_ns, record) = match read {
+                Ok(read) => read,
+                Err(error) => {
+                    batch.error = Some(error);
+                    break;
+                }
+            };
+            batch.records.push((t_ns, record.channel()));
+            extractor.each(&record, |slot, cell| {
+                let Cell::Number(number) = cell else { return batch.numbers.push(f64::NAN) };
+                batch.numbers.push(number);
+                if entries[slot].law.names
+                    && let Some(name) = names.learn(entries, slot, number, &record)
+                {
+                    batch.names.push((number.to_bits(), name.to_owned()));
+                }
+            });
+        }
+        let ends = batch.records.is_empty() || batch.error.is_some();
+        if sender.send(batch).is_err() || ends {
             return;
         }
     }
 }
 
-/// The other end of it.
-struct Ahead {
-    receiver: Receiver<Batch>,
-    batch: std::vec::IntoIter<Result<(i64, Record), RecordingError>>,
+/// How blocks are made.
+struct Plan<'a> {
+    map: &'a TimeMap,
+    /// Where each channel's fields begin in the catalogue.
+    slots: [usize; Channel::ALL.len()],
+    /// By slot, whether the field is compared.
+    wanted: Vec<bool>,
+    /// `None` where nothing is drawn.
+    stretches: Option<Stretches>,
 }
 
-impl Iterator for Ahead {
-    type Item = Result<(i64, Record), RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            if let Some(record) = self.batch.next() {
-                return Some(record);
+/// Makes blocks of two recordings, until both are at their end.
+fn make_blocks(
+    receivers: [Receiver<Batch>; 2],
+    plan: &Plan,
+    names: &mut Names,
+    mut take: impl FnMut(Block),
+) -> Result<(), RecordingError> {
+    let [a, b] = receivers;
+    let mut sources = [Ahead::new(a, 0, plan.map, names)?, Ahead::new(b, 1, plan.map, names)?];
+    let mut block = Block::new(plan.wanted.len());
+    while let Some(side) = earlier(&sources) {
+        let Some(head) = sources[side].head.take() else { break };
+        let stretch = plan.stretches.zip(head.place).map_or(0, |(stretches, (t_ns, _))| stretches.find(t_ns));
+        block.places[head.channel as usize].push(Place { side, at: head.place, stretch });
+        for (slot, number) in (plan.slots[head.channel as usize]..).zip(sources[side].numbers(head.channel)) {
+            if plan.wanted[slot] {
+                block.numbers[slot].push(*number);
             }
-            self.batch = self.receiver.recv().ok()?.into_iter();
+        }
+        sources[side].advance(&head, names)?;
+        block.records += 1;
+        if block.records == Block::RECORDS {
+            take(std::mem::replace(&mut block, Block::new(plan.wanted.len())));
         }
     }
-}
-
-fn merge_both(
-    [a, b]: [Ahead; 2],
-    map: &TimeMap,
-    merges: &mut [Option<FieldMerge<'_>>],
-    names: &mut Names,
-) -> Result<(), RecordingError> {
-    let entries = catalogue();
-    let mut extractors = [Extractor::new(), Extractor::new()];
-    let mut sources = [Placed::new(a, 0, map)?, Placed::new(b, 1, map)?];
-    while let Some(side) = earlier(&sources) {
-        let Some(Head { place, record, .. }) = sources[side].take()? else { break };
-        extractors[side].each(&record, |slot, cell| {
-            let (Some(merge), Cell::Number(value)) = (&mut merges[slot], cell) else { return };
-            if merge.setup.law.names {
-                names.learn(&entries, slot, &record);
-            }
-            match place {
-                Some((t_ns, piece)) => merge.push(side, Sample { t_ns, piece, value }),
-                None => merge.tracks[side].left_out += 1,
-            }
-        });
-    }
+    take(block);
     Ok(())
 }
 
 /// The side whose next record comes first; `None` at the end of both.
-fn earlier<I>(sources: &[Placed<'_, I>; 2]) -> Option<usize> {
+fn earlier(sources: &[Ahead<'_>; 2]) -> Option<usize> {
     match (&sources[0].head, &sources[1].head) {
         (Some(a), Some(b)) => Some(usize::from(b.due_ns < a.due_ns)),
         (Some(_), None) => Some(0),
@@ -586,38 +760,63 @@ fn earlier<I>(sources: &[Placed<'_, I>; 2]) -> Option<usize> {
 }
 
 /// A recording's records with their places on A's clock.
-struct Placed<'a, I> {
-    records: I,
+struct Ahead<'a> {
+    receiver: Receiver<Batch>,
+    batch: Batch,
+    /// The record of the batch that comes next, and where its numbers begin.
+    next: usize,
+    numbers_from: usize,
     side: usize,
     map: &'a TimeMap,
     head: Option<Head>,
 }
 
+/// The record that comes next.
 struct Head {
     /// Its place, or that of the record before if it has none, ns.
     due_ns: i64,
     place: Option<(i64, u32)>,
-    record: Record,
+    channel: Channel,
 }
 
-impl<'a, I: Iterator<Item = Result<(i64, Record), RecordingError>>> Placed<'a, I> {
-    fn new(records: I, side: usize, map: &'a TimeMap) -> Result<Self, RecordingError> {
-        let mut placed = Self { records, side, map, head: None };
-        placed.advance(i64::MIN)?;
-        Ok(placed)
+impl<'a> Ahead<'a> {
+    fn new(
+        receiver: Receiver<Batch>,
+        side: usize,
+        map: &'a TimeMap,
+        names: &mut Names,
+    ) -> Result<Self, RecordingError> {
+        let mut ahead =
+            Self { receiver, batch: Batch::default(), next: 0, numbers_from: 0, side, map, head: None };
+        ahead.fetch(i64::MIN, names)?;
+        Ok(ahead)
     }
 
-    fn advance(&mut self, before_ns: i64) -> Result<(), RecordingError> {
-        self.head = self.records.next().transpose()?.map(|(t_ns, record)| {
-            let place = self.map.place(self.side, t_ns);
-            Head { due_ns: place.map_or(before_ns, |(t_ns, _)| t_ns), place, record }
-        });
+    /// The numbers of the next record, which is of this channel.
+    fn numbers(&self, channel: Channel) -> &[f64] {
+        &self.batch.numbers[self.numbers_from..][..channel.fields().len()]
+    }
+
+    /// Goes on to the record after `done`.
+    fn advance(&mut self, done: &Head, names: &mut Names) -> Result<(), RecordingError> {
+        self.next += 1;
+        self.numbers_from += done.channel.fields().len();
+        self.fetch(done.due_ns, names)
+    }
+
+    fn fetch(&mut self, before_ns: i64, names: &mut Names) -> Result<(), RecordingError> {
+        while self.next == self.batch.records.len() {
+            if let Some(error) = self.batch.error.take() {
+                return Err(error);
+            }
+            // Nobody sends any more: this is the end.
+            let Ok(batch) = self.receiver.recv() else { return Ok(()) };
+            (self.batch, self.next, self.numbers_from) = (batch, 0, 0);
+            names.add(std::mem::take(&mut self.batch.names));
+        }
+        let (t_ns, channel) = self.batch.records[self.next];
+        let place = self.map.place(self.side, t_ns);
+        self.head = Some(Head { due_ns: place.map_or(before_ns, |(t_ns, _)| t_ns), place, channel });
         Ok(())
-    }
-
-    fn take(&mut self) -> Result<Option<Head>, RecordingError> {
-        let Some(head) = self.head.take() else { return Ok(None) };
-        self.advance(head.due_ns)?;
-        Ok(Some(head))
     }
 }

@@ -115,7 +115,7 @@ pub(super) enum Cell {
 
 /// Turns records into numbers, field by field.
 pub(super) struct Extractor {
-    entries: Vec<Entry>,
+    measures: Vec<Measure>,
     slots: [usize; Channel::ALL.len()],
     previous: Vec<Option<i128>>,
 }
@@ -123,28 +123,31 @@ pub(super) struct Extractor {
 impl Extractor {
     pub fn new() -> Self {
         let entries = catalogue();
-        Self { previous: vec![None; entries.len()], entries, slots: slots() }
+        Self {
+            measures: entries.iter().map(|entry| entry.law.measure).collect(),
+            slots: slots(),
+            previous: vec![None; entries.len()],
+        }
     }
 
     /// Gives slot and cell of each field of the record.
     pub fn each(&mut self, record: &Record, mut take: impl FnMut(usize, Cell)) {
-        let channel = record.channel();
-        let first = self.slots[channel as usize];
-        for slot in first..first + channel.fields().len() {
-            take(slot, self.cell(slot, record));
+        let first = self.slots[record.channel() as usize];
+        let lost = matches!(record, Record::Position(position) if position.status == TrackStatus::Lost);
+        for (slot, value) in (first..).zip(record.values()) {
+            let cell = match value {
+                Value::Float(_) if lost => Cell::Missing,
+                Value::Float(x) if x.abs() <= LARGEST => Cell::Number(x),
+                Value::Float(_) => Cell::Unusable,
+                other => self.cell(slot, other, record),
+            };
+            take(slot, cell);
         }
     }
 
-    fn cell(&mut self, slot: usize, record: &Record) -> Cell {
-        let entry = &self.entries[slot];
-        let value = entry.field.value(record);
-        if let Record::Position(position) = record
-            && position.status == TrackStatus::Lost
-            && entry.field.kind == Kind::Float
-        {
-            return Cell::Missing;
-        }
-        match (entry.law.measure, value) {
+    /// The cell of a value that is no real number.
+    fn cell(&mut self, slot: usize, value: Value, record: &Record) -> Cell {
+        match (self.measures[slot], value) {
             (Measure::Age, Value::Time(time)) => Cell::Number(time.since_s(record.time())),
             (Measure::Increment, Value::Time(time)) => {
                 self.increment(slot, time.nanos().into()).map_or(Cell::Missing, |ns| Cell::Number(ns * 1e-9))
@@ -152,9 +155,7 @@ impl Extractor {
             (Measure::Increment, Value::Integer(count)) => {
                 self.increment(slot, count.into()).map_or(Cell::Missing, Cell::Number)
             }
-            (_, Value::Missing) => Cell::Missing,
-            (_, Value::Float(x)) if x.abs() <= LARGEST => Cell::Number(x),
-            (_, Value::Float(_)) => Cell::Unusable,
+            (_, Value::Missing | Value::Float(_)) => Cell::Missing,
             (_, Value::Integer(count)) => Cell::Number(count as f64),
             (_, Value::Bool(flag)) => Cell::Number(f64::from(u8::from(flag))),
             (_, Value::Text(text)) => Cell::Number(name_number(text)),

@@ -37,7 +37,7 @@ pub use keys::tolerance_keys;
 pub use law::Interpolation;
 pub use report::{
     Alignment, Coverage, DerivedFrom, DiffReport, Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason,
-    RecordingSummary, Samples, Segment, Tolerance, ToleranceOrigin, Trace, Verdict,
+    RecordingSummary, Samples, Segment, Size, SizeOf, Tolerance, ToleranceOrigin, Trace, Verdict,
 };
 pub use text::render_text;
 pub use tolerance::{ToleranceKey, Tolerances};

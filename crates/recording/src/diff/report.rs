@@ -358,9 +358,53 @@ pub struct Difference {
     pub first_s: Option<f64>,
     /// Names at the first sample beyond the tolerance, A's and B's.
     pub first_names: Option<[String; 2]>,
-    /// The worst sample's difference over its tolerance (or the RMS over its own, if that is more); `None` where the
-    /// tolerance is 0.
+    /// The worst sample's difference over its tolerance (or the RMS or the mean over its own, if that is more); `None` where the
+    /// tolerance is 0. `sizes` tells which of them it is.
     pub times_tolerance: Option<f64>,
+    /// Each size of the difference that has a tolerance, the one furthest beyond it first. None for names.
+    #[serde(default)]
+    pub sizes: Vec<Size>,
+}
+
+/// One size of a difference against the tolerance of that size.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Size {
+    /// Which.
+    pub of: SizeOf,
+    /// What remains of it after the time tolerance, in the field's unit; of the mean the whole, with its sign.
+    pub value: f64,
+    /// How many times its tolerance it is; `None` where that is 0 and it is not.
+    pub times_tolerance: Option<f64>,
+}
+
+impl Size {
+    /// Whether it is more than it may be.
+    pub fn is_beyond(&self) -> bool {
+        self.times_tolerance.is_none_or(|times| times > 1.0)
+    }
+}
+
+/// What a difference is measured by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SizeOf {
+    /// The largest one of any sample.
+    Largest,
+    /// The root of its mean square.
+    Rms,
+    /// Its mean.
+    Mean,
+}
+
+impl SizeOf {
+    /// As printed.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Largest => "largest",
+            Self::Rms => "rms",
+            Self::Mean => "mean",
+        }
+    }
 }
 
 /// A time shift between two series.

@@ -49,13 +49,11 @@ impl Intervals {
     const BINS: usize = 120;
     const SHORTEST_NS: f64 = 1e3;
 
-    fn push(&mut self, interval_ns: i64) {
-        if interval_ns > 0 {
-            let interval_ns = interval_ns as f64;
-            let bin = quarter_octaves(interval_ns / Self::SHORTEST_NS);
-            let (count, sum) = &mut self.bins[bin.min(Self::BINS - 1)];
+    fn push(&mut self, interval: Interval) {
+        if interval.ns > 0.0 {
+            let (count, sum) = &mut self.bins[interval.bin];
             *count += 1;
-            *sum += interval_ns;
+            *sum += interval.ns;
             self.count += 1;
         }
     }
@@ -83,6 +81,20 @@ impl Intervals {
     pub fn gap_ns(&self) -> i64 {
         const LONGEST_NS: f64 = 1e10;
         (5.0 * self.quantile_ns(0.5)).max(1.5 * self.quantile_ns(0.99)).min(LONGEST_NS) as i64
+    }
+}
+
+/// The time between two samples, and the bin that it belongs to.
+#[derive(Clone, Copy, Debug)]
+struct Interval {
+    ns: f64,
+    bin: usize,
+}
+
+impl Interval {
+    fn between(from_ns: i64, until_ns: i64) -> Self {
+        let ns = until_ns.saturating_sub(from_ns) as f64;
+        Self { ns, bin: quarter_octaves(ns / Intervals::SHORTEST_NS).min(Intervals::BINS - 1) }
     }
 }
 
@@ -208,6 +220,7 @@ pub(super) struct Scan {
     pub last_ns: i64,
     /// How far the file's order falls behind the records' times, ns.
     disorder_ns: i64,
+    last_of_channel_ns: [i64; Channel::ALL.len()],
     /// The unit of the sticks; `None` where no rig is attached that says so.
     pub actuation: Option<&'static str>,
 }
@@ -229,6 +242,7 @@ impl Scan {
             first_ns: i64::MAX,
             last_ns: i64::MIN,
             disorder_ns: 0,
+            last_of_channel_ns: [0; Channel::ALL.len()],
             actuation: rig.and_then(Result::ok).map(|rig| rig.airframe.actuation.unit()),
             source: Source::memory(Session::new(Mode::Sim), Vec::new()),
         };
@@ -246,7 +260,10 @@ impl Scan {
         self.first_ns = self.first_ns.min(t_ns);
         self.last_ns = self.last_ns.max(t_ns);
         self.disorder_ns = self.disorder_ns.max(self.last_ns - t_ns);
-        extractor.each(record, |slot, cell| self.fields[slot].take(t_ns, cell));
+        // Most fields have a sample in each record of their channel, and so the same intervals.
+        let before_ns = std::mem::replace(&mut self.last_of_channel_ns[record.channel() as usize], t_ns);
+        let interval = Interval::between(before_ns, t_ns);
+        extractor.each(record, |slot, cell| self.fields[slot].take(t_ns, cell, before_ns, interval));
         for (signal, series) in Signal::ALL.into_iter().zip(&mut self.signals) {
             if let Some(value) = signal.value(record) {
                 series.push(t_ns, value);
@@ -326,13 +343,15 @@ impl Scan {
 }
 
 impl Seen {
-    fn take(&mut self, t_ns: i64, cell: Cell) {
+    /// `interval` is the one since the channel's record before.
+    fn take(&mut self, t_ns: i64, cell: Cell, before_ns: i64, interval: Interval) {
         match cell {
             Cell::Missing => {}
             Cell::Unusable => self.unusable += 1,
             Cell::Number(_) => {
                 if self.count > 0 {
-                    self.intervals.push(t_ns.saturating_sub(self.last_ns));
+                    let own = || Interval::between(self.last_ns, t_ns);
+                    self.intervals.push(if self.last_ns == before_ns { interval } else { own() });
                 }
                 self.count += 1;
                 self.last_ns = t_ns;
@@ -449,9 +468,9 @@ mod tests {
     fn a_gap_is_told_from_the_usual_interval() {
         let mut intervals = Intervals::default();
         for _ in 0..500 {
-            intervals.push(33_333_333);
+            intervals.push(Interval::between(0, 33_333_333));
         }
-        intervals.push(2_000_000_000);
+        intervals.push(Interval::between(0, 2_000_000_000));
         assert!((intervals.usual_ns() - 33_333_333.0).abs() < 1.0, "{}", intervals.usual_ns());
         assert!(intervals.gap_ns() < 300_000_000, "{}", intervals.gap_ns());
     }

@@ -13,12 +13,33 @@ struct Stretch {
 
 const EMPTY: Stretch = Stretch { least: f64::INFINITY, greatest: f64::NEG_INFINITY, count: 0, time_s: 0.0 };
 
+/// Finds the stretch of an instant: once for all fields of a record.
+#[derive(Clone, Copy)]
+pub(super) struct Stretches {
+    from_ns: i64,
+    /// Stretches a nanosecond.
+    per_ns: f64,
+    last: u32,
+}
+
+impl Stretches {
+    pub fn of(axis: Axis) -> Self {
+        let length_ns = (axis.until_ns.saturating_sub(axis.from_ns) as f64).max(1.0);
+        let last = axis.stretches.saturating_sub(1) as u32;
+        Self { from_ns: axis.from_ns, per_ns: axis.stretches as f64 / length_ns, last }
+    }
+
+    /// The stretch that an instant lies in; the first or last one for those outside.
+    pub fn find(&self, t_ns: i64) -> u32 {
+        let since_ns = t_ns.saturating_sub(self.from_ns) as f64;
+        ((since_ns * self.per_ns) as u32).min(self.last)
+    }
+}
+
 /// Collects one field's trace.
 pub(super) struct TraceBuilder {
     axis: Axis,
     gap_s: f64,
-    /// Stretches a nanosecond.
-    per_ns: f64,
     /// A, B and their difference.
     lines: [Vec<Stretch>; 3],
 }
@@ -27,29 +48,30 @@ impl TraceBuilder {
     /// Lines are broken where samples are further apart than `gap_ns`.
     pub fn new(axis: Axis, gap_ns: i64) -> Self {
         let lines = std::array::from_fn(|_| vec![EMPTY; axis.stretches]);
-        let length_ns = (axis.until_ns.saturating_sub(axis.from_ns) as f64).max(1.0);
-        Self { axis, gap_s: gap_ns as f64 * 1e-9, per_ns: axis.stretches as f64 / length_ns, lines }
+        Self { axis, gap_s: gap_ns as f64 * 1e-9, lines }
     }
 
-    /// Adds a sample of A (0) or B (1).
-    pub fn value(&mut self, side: usize, t_ns: i64, value: f64) {
-        self.add(side, t_ns, value);
+    /// Adds a sample of A (0) or B (1) that lies in a stretch.
+    pub fn value(&mut self, side: usize, stretch: u32, t_ns: i64, value: f64) {
+        self.add(side, stretch, t_ns, value);
     }
 
     /// Adds a difference.
-    pub fn difference(&mut self, t_ns: i64, value: f64) {
-        self.add(2, t_ns, value);
+    pub fn difference(&mut self, stretch: u32, t_ns: i64, value: f64) {
+        self.add(2, stretch, t_ns, value);
     }
 
-    fn add(&mut self, line: usize, t_ns: i64, value: f64) {
-        let since_ns = t_ns.saturating_sub(self.axis.from_ns) as f64;
-        let since_s = since_ns * 1e-9;
-        let place = ((since_ns * self.per_ns) as usize).min(self.axis.stretches.saturating_sub(1));
-        if let Some(stretch) = self.lines[line].get_mut(place) {
-            stretch.least = stretch.least.min(value);
-            stretch.greatest = stretch.greatest.max(value);
+    /// `value` is a number.
+    fn add(&mut self, line: usize, stretch: u32, t_ns: i64, value: f64) {
+        if let Some(stretch) = self.lines[line].get_mut(stretch as usize) {
+            if value < stretch.least {
+                stretch.least = value;
+            }
+            if value > stretch.greatest {
+                stretch.greatest = value;
+            }
             stretch.count += 1;
-            stretch.time_s += since_s;
+            stretch.time_s += t_ns.saturating_sub(self.axis.from_ns) as f64 * 1e-9;
         }
     }
 
@@ -97,9 +119,10 @@ mod tests {
     #[test]
     fn a_trace_keeps_extremes_and_breaks_at_gaps() {
         let axis = Axis { from_ns: 0, until_ns: 10_000_000_000, stretches: 100 };
+        let stretches = Stretches::of(axis);
         let mut trace = TraceBuilder::new(axis, 200_000_000);
         for i in (0..1000).filter(|i| !(400..600).contains(i)) {
-            trace.value(0, i * 10_000_000, if i == 333 { 7.0 } else { 0.0 });
+            trace.value(0, stretches.find(i * 10_000_000), i * 10_000_000, if i == 333 { 7.0 } else { 0.0 });
         }
         let trace = trace.finish(true);
         let greatest = trace.a.iter().flatten().fold(0.0, |most: f64, [_, _, greatest]| most.max(*greatest));

@@ -2,12 +2,13 @@
 
 use super::{
     DiffOptions, DiffReport, Verdict,
-    compare::Outcome,
+    compare::{Outcome, Tally},
     derived::Derived,
     law::{Interpolation, Law},
     pair::Pair,
     report::{
-        Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason, RecordingSummary, Samples, Tolerance,
+        Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason, RecordingSummary, Samples, Size, SizeOf,
+        Tolerance,
     },
     scan::Scan,
     series::Shift,
@@ -194,7 +195,26 @@ fn difference(outcome: &Outcome, tolerance: &Tolerance, law: Law) -> Difference 
         first_s: tally.first_ns.or(tally.first_over_rms_ns.filter(|_| beyond_rms)).map(seconds),
         first_names: outcome.names.clone(),
         times_tolerance: (measured && worst.is_finite()).then_some(worst),
+        sizes: if measured { sizes(tally, tolerance, [tally.worst, by_rms, by_mean]) } else { Vec::new() },
     }
+}
+
+/// The sizes that have a tolerance, from the one furthest beyond on. `times` are those of largest, RMS and mean.
+fn sizes(tally: &Tally, tolerance: &Tolerance, times: [f64; 3]) -> Vec<Size> {
+    let values = [
+        Some((SizeOf::Largest, tally.largest_off)),
+        tolerance.rms.map(|_| (SizeOf::Rms, tally.rms_off())),
+        tolerance.mean.map(|_| (SizeOf::Mean, tally.mean())),
+    ];
+    let mut sizes: Vec<_> =
+        values.into_iter().zip(times).filter_map(|(size, times)| Some((size?, times))).collect();
+    sizes.sort_by(|(_, a), (_, b)| b.total_cmp(a));
+    let size = |((of, value), times): ((SizeOf, f64), f64)| Size {
+        of,
+        value,
+        times_tolerance: times.is_finite().then_some(times),
+    };
+    sizes.into_iter().map(size).collect()
 }
 
 fn ratio(value: f64, limit: f64) -> f64 {

@@ -57,9 +57,7 @@ impl Table for ChannelTable<'_> {
         for record in self.recording.records()? {
             let record = record?;
             if record.channel() == self.channel {
-                let mut values = Vec::with_capacity(self.columns.len());
-                record.values(&mut values);
-                take(&values)?;
+                take(&record.values())?;
             }
         }
         Ok(())
