@@ -25,11 +25,15 @@ struct Bench {
 
 impl Bench {
     fn start(arguments: &[&str]) -> Self {
+        Self::command("sim", arguments)
+    }
+
+    fn command(command: &str, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let recording = folder.path().join("live.mcap");
         let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
             .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."))
-            .args(["sim", "--live", "--listen", "127.0.0.1:0", "-o"])
+            .args([command, "--live", "--listen", "127.0.0.1:0", "-o"])
             .arg(&recording)
             .args(arguments)
             .stdin(Stdio::null())
@@ -240,4 +244,52 @@ fn browser_without_the_token_or_from_elsewhere_is_refused_and_a_connection_that_
         "document.getElementById('banner').textContent.includes('connection to the bench is gone')",
     );
     browser.screenshot(&operator, "live-gone");
+}
+
+/// `bench emulate psoc5`, which ends with its test.
+struct Board(Child);
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+#[ignore = "needs Chromium; tests/run sets it up"]
+fn browser_shows_the_time_that_a_loop_through_a_board_keeps() {
+    // A board does not wait for a browser that draws: where it may, its stand-in comes before it.
+    let emulate = Command::new("nice")
+        .args(["-n", "-15", env!("CARGO_BIN_EXE_bench"), "emulate", "psoc5"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut board = Board(emulate);
+    let mut port = String::new();
+    BufReader::new(board.0.stdout.take().unwrap()).read_line(&mut port).unwrap();
+    let mut bench = Bench::command("hil", &["--port", port.trim()]);
+    let mut browser = Chromium::start();
+    let operator = browser.open(&bench.url, WIDE);
+    browser.wait(&operator, "the checks to be told", "document.querySelectorAll('#checked li').length >= 2");
+    browser.click(&operator, "start");
+    let timed = "traces.table.last('took') > 0 && traces.table.last('lateness') !== null && traces.table.last('read.throttle') > 1";
+    browser.wait(&operator, "the loop's time and the outputs read back", timed);
+    browser.wait(
+        &operator,
+        "the hold",
+        "traces.table.last('wanted.z') === 0.4 && traces.table.time.length > 500",
+    );
+    browser.screenshot(&operator, "live-hil");
+    browser.click(&operator, "stop");
+    browser.wait(
+        &operator,
+        "what it came to",
+        "document.getElementById('words').textContent.includes('outputs seen at zero')",
+    );
+    is_clean(&mut browser, &operator, &bench.url);
+    browser.click(&operator, "end");
+    browser.wait(&operator, "the end", "live.ended");
+    assert_eq!(bench.end(), Some(4));
 }
