@@ -18,6 +18,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("--port /tmp/psoc5", "flies for 20 s of real time; tests/user/hil/pty.rs flies it"),
     ("bench emulate psoc5", "runs until it is stopped; tests/user/hil/pty.rs uses it"),
     ("--live", "waits for START in a browser; tests/browser and tests/user/live.rs press it"),
+    ("--foxglove", "needs a program built with a server for Foxglove; tests/user/foxglove.rs is its viewer"),
     ("sudo bench udev --install", "changes the system; tests/user/packaging.rs installs into another folder"),
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
     ("hil.mcap", "is recorded by the example before, which needs a board"),

@@ -8,6 +8,8 @@ mod diagnose;
 mod examples;
 mod figures;
 mod foreign;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod frames;
 mod hil;
 mod identify;

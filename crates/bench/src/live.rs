@@ -23,7 +23,8 @@ pub struct LiveArguments {
     autostart: bool,
 }
 
-fn address(text: &str) -> Result<SocketAddr, String> {
+/// An address and a port, from the command line.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
     let numbers = text.replacen("localhost:", "127.0.0.1:", 1);
     numbers.parse().map_err(|_| "expected an address and a port, such as 127.0.0.1:8080".to_owned())
 }

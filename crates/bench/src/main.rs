@@ -12,6 +12,7 @@ mod exit;
 mod eyes;
 mod files;
 mod flight;
+mod foxglove;
 mod library;
 mod live;
 mod model_page;

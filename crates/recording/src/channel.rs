@@ -32,6 +32,7 @@ pub enum Channel {
 }
 
 /// Name and descriptor set of a protobuf message.
+#[derive(Clone, Copy)]
 pub(crate) struct Schema {
     pub name: &'static str,
     pub descriptor_set: &'static [u8],

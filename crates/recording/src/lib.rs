@@ -23,6 +23,7 @@ pub mod import;
 mod info;
 mod kind;
 mod layout;
+mod observer;
 mod partial;
 mod proto;
 mod record;
@@ -43,6 +44,7 @@ pub use flight::{Flight, PhaseInterval};
 pub use images::{Images, View};
 pub use info::{AttachmentInfo, ChannelInfo, Info};
 pub use kind::FileKind;
+pub use observer::{Message, Observer};
 pub use record::{
     Battery, Command, ControlState, Event, EventText, Level, Motion, ReadbackAt, Record, Rotor, Tick, Truth,
 };

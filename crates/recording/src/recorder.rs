@@ -12,7 +12,7 @@ use bench_device::Time;
 use rtrb::{Producer, PushError, RingBuffer};
 
 use crate::{
-    Event, EventText, Images, Level, Record, RecordingError, Session,
+    Event, EventText, Images, Level, Observer, Record, RecordingError, Session,
     images::{self, Counts},
     writer::MessageWriter,
     writer_thread::{Closing, Output, Shared, WriterThread, Written},
@@ -109,15 +109,31 @@ impl Recorder {
         session: &Session,
         options: Options,
     ) -> Result<Self, RecordingError> {
+        Self::create_observed(path, session, options, None)
+    }
+
+    /// The same, with somebody who sees each message when it is written.
+    pub fn create_observed(
+        path: impl AsRef<Path>,
+        session: &Session,
+        options: Options,
+        observer: Option<Box<dyn Observer>>,
+    ) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         options.check()?;
         let failed = |action| move |source| RecordingError::Io { action, path: path.to_owned(), source };
         let file = File::create(path).map_err(failed("create"))?;
-        Self::start(BufWriter::new(file), path, session, options).map_err(failed("write"))
+        Self::start(BufWriter::new(file), path, session, options, observer).map_err(failed("write"))
     }
 
-    fn start(output: impl Output, path: &Path, session: &Session, options: Options) -> io::Result<Self> {
-        let messages = MessageWriter::start(output, session)?;
+    fn start(
+        output: impl Output,
+        path: &Path,
+        session: &Session,
+        options: Options,
+        observer: Option<Box<dyn Observer>>,
+    ) -> io::Result<Self> {
+        let messages = MessageWriter::start(output, session, observer)?;
         let (producer, consumer) = RingBuffer::new(options.queue_capacity);
         let (views, incoming) = images::queue();
         let (shared, counts) = (Arc::new(Shared::default()), Arc::new(Counts::default()));
@@ -293,7 +309,8 @@ mod tests {
         }
 
         fn recorder(&self, options: Options) -> Recorder {
-            Recorder::start(self.clone(), Path::new("disk.mcap"), &Session::new(Mode::Sim), options).unwrap()
+            Recorder::start(self.clone(), Path::new("disk.mcap"), &Session::new(Mode::Sim), options, None)
+                .unwrap()
         }
     }
 

@@ -80,6 +80,11 @@ impl ViewerChannel {
         }
     }
 
+    /// Whether its one message holds for all of the flight.
+    pub(crate) const fn is_static(self) -> bool {
+        matches!(self, Self::StaticTransforms | Self::Scene | Self::Calibration)
+    }
+
     /// The channel under whose number its schema is written.
     pub(crate) const fn schema_of(self) -> Self {
         match self {

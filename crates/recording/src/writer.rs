@@ -11,7 +11,7 @@ use bench_rig::Rig;
 use mcap::records::{self, AttachmentHeader, Metadata, SchemaHeader};
 
 use crate::{
-    Channel, Record, Session, View, ViewerChannel,
+    Channel, Message, Observer, Record, Session, View, ViewerChannel,
     channel::Schema,
     codec::{self, since_epoch},
     images,
@@ -50,6 +50,7 @@ pub(crate) fn library() -> String {
 /// Writes one recording. Session and attachments come first, so that they survive whatever happens later.
 pub(crate) struct MessageWriter<W: Write> {
     layout: Layout<W>,
+    observer: Option<Box<dyn Observer>>,
     /// By the MCAP channel's number, from its first message on.
     channels: [Option<ChannelState>; CHANNEL_IDS],
     /// What log times count from, ns since 1970.
@@ -59,6 +60,15 @@ pub(crate) struct MessageWriter<W: Write> {
     begun: bool,
     truth: Rate,
     tracked: Rate,
+}
+
+/// Where a message belongs.
+struct Place {
+    id: u16,
+    schema_id: u16,
+    topic: &'static str,
+    schema: Schema,
+    is_static: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -85,7 +95,7 @@ impl Rate {
 
 impl<W: Write> MessageWriter<W> {
     /// Writes and flushes all that is known before the first message.
-    pub fn start(output: W, session: &Session) -> io::Result<Self> {
+    pub fn start(output: W, session: &Session, observer: Option<Box<dyn Observer>>) -> io::Result<Self> {
         let mut layout = Layout::start(output, library())?;
         layout.add_metadata(&metadata(SESSION_METADATA, session.to_metadata()))?;
         if !session.extra.is_empty() {
@@ -100,6 +110,7 @@ impl<W: Write> MessageWriter<W> {
         layout.flush()?;
         Ok(Self {
             layout,
+            observer,
             channels: [None; CHANNEL_IDS],
             epoch_ns: session.epoch_unix_ns.unwrap_or(0),
             rig: session.rig().map(Cow::into_owned),
@@ -122,16 +133,10 @@ impl<W: Write> MessageWriter<W> {
             _ => time,
         };
         let (epoch_ns, times) = (self.epoch_ns, (time, published));
-        self.put(
-            channel_id(channel),
-            channel_id(channel),
-            channel.topic(),
-            &channel.schema(),
-            times,
-            |out| {
-                codec::encode(record, epoch_ns, out);
-            },
-        )?;
+        let id = channel_id(channel);
+        let place =
+            Place { id, schema_id: id, topic: channel.topic(), schema: channel.schema(), is_static: false };
+        self.put(&place, times, |out| codec::encode(record, epoch_ns, out))?;
         match record {
             Record::Truth(truth) if self.truth.is_due(time) => {
                 self.write_placed(ViewerChannel::Pose, &Placed::from(truth), times)
@@ -192,32 +197,48 @@ impl<W: Write> MessageWriter<W> {
         times: (Time, Time),
         encode: impl FnOnce(&mut Vec<u8>),
     ) -> io::Result<()> {
-        let ids = (viewer_id(channel), viewer_id(channel.schema_of()));
-        self.put(ids.0, ids.1, channel.topic(), &channel.schema(), times, encode)
+        let place = Place {
+            id: viewer_id(channel),
+            schema_id: viewer_id(channel.schema_of()),
+            topic: channel.topic(),
+            schema: channel.schema(),
+            is_static: channel.is_static(),
+        };
+        self.put(&place, times, encode)
     }
 
     /// Writes a message; the channel, and its schema, are made known with the first one.
     fn put(
         &mut self,
-        id: u16,
-        schema_id: u16,
-        topic: &str,
-        schema: &Schema,
+        place: &Place,
         (logged, published): (Time, Time),
         encode: impl FnOnce(&mut Vec<u8>),
     ) -> io::Result<()> {
-        let channel = match &mut self.channels[usize::from(id)] {
+        let channel = match &mut self.channels[usize::from(place.id)] {
             Some(channel) => channel,
-            unknown => unknown.insert(ChannelState {
-                key: add_channel(&mut self.layout, (id, schema_id), topic, schema)?,
-                next_sequence: 0,
-            }),
+            unknown => {
+                unknown.insert(ChannelState { key: add_channel(&mut self.layout, place)?, next_sequence: 0 })
+            }
         };
         let sequence = channel.next_sequence;
         channel.next_sequence = sequence.wrapping_add(1);
         let [log_time, publish_time] =
             [logged, published].map(|time| since_epoch(time, self.epoch_ns).nanos());
-        self.layout.message(channel.key, sequence, log_time, publish_time, encode)
+        let observer = self.observer.as_mut();
+        self.layout.message(channel.key, sequence, log_time, publish_time, |out| {
+            let begin = out.len();
+            encode(out);
+            if let Some(observer) = observer {
+                observer.see(&Message {
+                    topic: place.topic,
+                    schema: place.schema.name,
+                    descriptor_set: place.schema.descriptor_set,
+                    log_time_ns: log_time,
+                    is_static: place.is_static,
+                    data: &out[begin..],
+                });
+            }
+        })
     }
 
     /// Closes the chunk and hands it to the output.
@@ -232,12 +253,8 @@ impl<W: Write> MessageWriter<W> {
     }
 }
 
-fn add_channel<W: Write>(
-    layout: &mut Layout<W>,
-    (id, schema_id): (u16, u16),
-    topic: &str,
-    schema: &Schema,
-) -> io::Result<ChannelKey> {
+fn add_channel<W: Write>(layout: &mut Layout<W>, place: &Place) -> io::Result<ChannelKey> {
+    let &Place { id, schema_id, topic, schema, .. } = place;
     let encoding = || "protobuf".to_owned();
     if !layout.has_schema(schema_id) {
         let header = SchemaHeader { id: schema_id, name: schema.name.to_owned(), encoding: encoding() };

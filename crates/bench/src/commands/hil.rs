@@ -30,6 +30,7 @@ use crate::{
     exit::Exit,
     eyes::Eyes,
     files::{self, Form, Outputs},
+    foxglove::{FoxgloveArguments, Server},
     live::{self, LiveArguments, Page},
     progress,
     recorded::{self, ADDED_EFFECTS},
@@ -81,6 +82,8 @@ pub struct Arguments {
     #[command(flatten)]
     live: LiveArguments,
     #[command(flatten)]
+    foxglove: FoxgloveArguments,
+    #[command(flatten)]
     force: Force,
     #[command(flatten)]
     json: Json,
@@ -91,6 +94,7 @@ const FAILED: &str = "the loop's thread failed; the board zeroes its outputs by 
 /// How often the screen is brought up to date.
 const REDRAWN: Duration = Duration::from_millis(100);
 
+#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let Some(port) = arguments.port.clone() else {
         bail!("which port is the board on? name it with --port; {}", there_is());
@@ -120,7 +124,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         let _inside = runtime.enter();
         Signals::catch()?
     };
-    // The page's threads are started here, so that they do not inherit the loop's priority.
+    // The servers' threads are started here, so that they do not inherit the loop's priority.
+    let foxglove = arguments.foxglove.open()?;
     let (mut page, ends) = arguments.live.open(|| about(&rig, &mission))?.unzip();
     let frames = match (&page, &seeing) {
         (Some(page), Some(seeing)) => Some(page.frames(&seeing.calibration)?),
@@ -174,7 +179,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
     recorded::note_changes(&mut session, &changes);
-    let recorder = match recorder(&output, &session) {
+    let recorder = match recorder(&output, &session, foxglove.as_ref()) {
         Ok(recorder) => recorder,
         Err(error) => {
             drop(order);
@@ -231,9 +236,10 @@ fn not_flown(page: Option<Page>, why: &str) {
     }
 }
 
-fn recorder(output: &Path, session: &Session) -> anyhow::Result<Recorder> {
+fn recorder(output: &Path, session: &Session, foxglove: Option<&Server>) -> anyhow::Result<Recorder> {
     files::make_folder(output)?;
-    Ok(Recorder::create(output, session, Options::REAL_TIME)?)
+    let observer = foxglove.map(Server::observer);
+    Ok(Recorder::create_observed(output, session, Options::REAL_TIME, observer)?)
 }
 
 /// Waits for the flight to end, with the screen and the signals.

@@ -23,6 +23,7 @@ use crate::{
     exit::Exit,
     files::{self, Form, Outputs},
     flight::Flight,
+    foxglove::{FoxgloveArguments, Server},
     live::{self, Ends, LiveArguments, Page},
     progress::{self, Progress},
     recorded,
@@ -33,6 +34,13 @@ use crate::{
 
 /// Fly a mission in the virtual lab, as fast as it goes, and record it
 #[derive(Args)]
+#[cfg_attr(
+    feature = "foxglove",
+    command(
+        group = clap::ArgGroup::new("watched").args(["live", "foxglove"]).multiple(true),
+        mut_arg("foxglove", |foxglove| foxglove.requires("realtime")),
+    )
+)]
 #[command(after_help = "Examples:
   bench sim
   bench sim --mission hold-3d --seed 7 -o hold.mcap --export hold.xlsx
@@ -82,8 +90,12 @@ pub struct Arguments {
     export: Option<PathBuf>,
     #[command(flatten)]
     live: LiveArguments,
+    #[command(flatten)]
+    foxglove: FoxgloveArguments,
     /// Fly by the wall clock instead of as fast as it goes
-    #[arg(long, requires = "live")]
+    #[arg(long)]
+    #[cfg_attr(not(feature = "foxglove"), arg(requires = "live"))]
+    #[cfg_attr(feature = "foxglove", arg(requires = "watched"))]
     realtime: bool,
     #[command(flatten)]
     force: Force,
@@ -120,6 +132,7 @@ fn rate(text: &str) -> Result<f64, String> {
     rate_hz.ok_or_else(|| "a rate from 0.01 to 30 a second, the frames' own".to_owned())
 }
 
+#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mut nominal = arguments.rig.load()?;
     let mission = files::mission(&arguments.mission, arguments.rig.path())?;
@@ -147,6 +160,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.views.as_deref(), Form::Folder)
         .check()?;
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
+    let foxglove = arguments.foxglove.open()?;
     let watched = Watched::open(arguments, &rig, &mission)?;
     let Some((mut watched, mission, changes)) = started(watched, mission) else { return Ok(Exit::Stopped) };
     files::make_folder(&output)?;
@@ -157,7 +171,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     recorded::note_changes(&mut session, &changes);
     session.epoch_unix_ns = arguments.epoch.0;
-    let mut recorder = Recorder::create(&output, &session, Options::SIMULATION)?;
+    let observer = foxglove.as_ref().map(Server::observer);
+    let mut recorder = Recorder::create_observed(&output, &session, Options::SIMULATION, observer)?;
     let record_views = |rate_hz| {
         recorder.images().map(|images| RecordedViews::new(images, rate_hz, rig.tracker.latency_s.value))
     };
