@@ -265,6 +265,7 @@ pub fn simulated_session(nominal: &Rig, added: &[String], mission: &Mission, see
     Session {
         rig_name: nominal.name.clone(),
         rig_toml: Some(nominal.to_toml()),
+        rig: Some(Box::new(nominal.clone())),
         mission_name: mission.name.clone(),
         mission_toml: Some(mission.to_toml()),
         seed: Some(seed),

@@ -216,6 +216,7 @@ fn session(plan: &Plan, mission: &Mission, filling: &str) -> Session {
     Session {
         rig_name: plan.rig.name.clone(),
         rig_toml: Some(plan.rig.to_toml()),
+        rig: Some(Box::new(plan.rig.clone())),
         mission_name: mission.name.clone(),
         mission_toml: Some(mission.to_toml() + filling),
         ..Session::new(Mode::Sim)

@@ -1,4 +1,6 @@
-use std::{collections::BTreeMap, fmt, path::Path, str::FromStr};
+use std::{borrow::Cow, collections::BTreeMap, fmt, path::Path, str::FromStr};
+
+use bench_rig::Rig;
 
 use crate::RecordingError;
 
@@ -51,6 +53,9 @@ pub struct Session {
     pub rig_name: String,
     /// The rig file, attached as `rig.toml`.
     pub rig_toml: Option<String>,
+    /// What [`Session::rig_toml`] says, where the writer has it at hand: viewers' scene is made of it, without reading the text
+    /// again. `None` in sessions that were read.
+    pub rig: Option<Box<Rig>>,
     /// The mission's name; empty where there was none.
     pub mission_name: String,
     /// The mission file, attached as `mission.toml`.
@@ -71,11 +76,23 @@ impl Session {
             mode,
             rig_name: String::new(),
             rig_toml: None,
+            rig: None,
             mission_name: String::new(),
             mission_toml: None,
             seed: None,
             epoch_unix_ns: None,
             extra: BTreeMap::new(),
+        }
+    }
+}
+
+impl Session {
+    /// The rig as it was given, or as it is attached; `None` where neither can be had.
+    pub(crate) fn rig(&self) -> Option<Cow<'_, Rig>> {
+        match (&self.rig, &self.rig_toml) {
+            (Some(rig), _) => Some(Cow::Borrowed(rig)),
+            (None, Some(text)) => Rig::read(Path::new(RIG_ATTACHMENT), text).ok().map(Cow::Owned),
+            (None, None) => None,
         }
     }
 }

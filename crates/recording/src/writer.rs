@@ -1,9 +1,9 @@
 //! Records to MCAP.
 
 use std::{
+    borrow::Cow,
     collections::BTreeMap,
     io::{self, Write},
-    path::Path,
 };
 
 use bench_device::{Time, TrackStatus};
@@ -54,8 +54,8 @@ pub(crate) struct MessageWriter<W: Write> {
     channels: [Option<ChannelState>; CHANNEL_IDS],
     /// What log times count from, ns since 1970.
     epoch_ns: u64,
-    /// The attached rig, until the scene is made of it with the first record.
-    rig_toml: Option<String>,
+    /// The attached rig, until the scene is made of it with the first record; none if it cannot be read.
+    rig: Option<Rig>,
     begun: bool,
     truth: Rate,
     tracked: Rate,
@@ -102,7 +102,7 @@ impl<W: Write> MessageWriter<W> {
             layout,
             channels: [None; CHANNEL_IDS],
             epoch_ns: session.epoch_unix_ns.unwrap_or(0),
-            rig_toml: session.rig_toml.clone(),
+            rig: session.rig().map(Cow::into_owned),
             begun: false,
             truth: Rate::default(),
             tracked: Rate::default(),
@@ -160,10 +160,9 @@ impl<W: Write> MessageWriter<W> {
         self.put_for_viewers(ViewerChannel::Transform, times, |out| placed.encode_transform(stamp, out))
     }
 
-    /// Writes what stands still, by the attached rig. A rig that cannot be read is attached all the same; its scene is left out.
+    /// Writes what stands still, by the attached rig. One that cannot be read is attached all the same; its scene is left out.
     fn write_room(&mut self, time: Time) -> io::Result<()> {
-        let Some(rig_toml) = self.rig_toml.take() else { return Ok(()) };
-        let Ok(rig) = Rig::read(Path::new(RIG_ATTACHMENT), &rig_toml) else { return Ok(()) };
+        let Some(rig) = self.rig.take() else { return Ok(()) };
         let room = Room::new(&rig, since_epoch(time, self.epoch_ns));
         let messages = [
             (ViewerChannel::Scene, Some(room.scene())),

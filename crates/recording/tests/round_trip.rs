@@ -2,11 +2,11 @@
 
 mod common;
 
-use std::fs;
+use std::{fs, path::Path};
 
 use bench_device::Time;
 use bench_recording::{Channel, Flight, Info, Mode, Recording, Session, Value};
-use bench_rig::Phase;
+use bench_rig::{Phase, Rig};
 use common::{flight, one_of_each, session, write};
 use tempfile::tempdir;
 
@@ -183,4 +183,19 @@ fn the_document_lists_every_channel_and_field() {
             assert!(row.contains(&format!("`{}`", field.name)), "{} lacks {}", channel.topic(), field.name);
         }
     }
+}
+
+#[test]
+fn a_rig_at_hand_and_its_text_alone_give_the_same_bytes() {
+    let rigs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
+    let rig = Rig::load(rigs.join("transmitter.toml")).unwrap();
+    let with_text = Session { rig_toml: Some(rig.to_toml()), ..session() };
+    let with_rig = Session { rig: Some(Box::new(rig)), ..with_text.clone() };
+    let folder = tempdir().unwrap();
+    let [text, at_hand] = [("text.mcap", with_text), ("rig.mcap", with_rig)].map(|(name, session)| {
+        let (path, _) = write(folder.path(), name, &session, &one_of_each(0.5));
+        fs::read(path).unwrap()
+    });
+    assert!(mcap::MessageStream::new(&at_hand).unwrap().any(|m| m.unwrap().channel.topic == "/scene"));
+    assert!(text == at_hand);
 }

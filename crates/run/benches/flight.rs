@@ -59,6 +59,7 @@ fn recorded(bencher: Bencher, model: Model) {
     let mission = mission(&rig);
     let session = Session {
         rig_toml: Some(rig.to_toml()),
+        rig: Some(Box::new(rig.clone())),
         mission_toml: Some(mission.to_toml()),
         seed: Some(0),
         ..Session::new(Mode::Sim)

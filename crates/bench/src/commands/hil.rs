@@ -418,6 +418,7 @@ fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str
     Session {
         rig_name: rig.name.clone(),
         rig_toml: Some(rig.to_toml()),
+        rig: Some(Box::new(rig.clone())),
         mission_name: mission.name.clone(),
         mission_toml: Some(mission.to_toml()),
         seed: Some(seed),
