@@ -23,6 +23,9 @@ fn two_seeds_are_within_tolerance_an_effect_is_not_and_exactly_nothing_is() {
     let scratch = Scratch::new();
     let a = scratch.fly("a.mcap", &["--seed", "1"]);
     let b = scratch.fly("b.mcap", &["--seed", "2"]);
+    // To the last digit.
+    let fresh = stdout(&diff(&scratch, &[&a, &b, "--json"]).assert().success());
+    assert_eq!(stdout(&diff(&scratch, &[&a, &b, "--json"]).assert().success()), fresh);
     let first = stdout(&diff(&scratch, &[&a, &b]).assert().success());
     assert!(first.starts_with("within tolerance"), "{first}");
     assert!(first.contains("derived from rig virtual") && first.contains("--exact"), "{first}");

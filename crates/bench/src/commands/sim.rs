@@ -134,17 +134,8 @@ fn rate(text: &str) -> Result<f64, String> {
 
 #[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let mut nominal = arguments.rig.load()?;
+    let (nominal, rig) = rigs(arguments)?;
     let mission = files::mission(&arguments.mission, arguments.rig.path())?;
-    match arguments.model {
-        Some(ModelChoice::Vertical) => nominal.plant.model = Model::Vertical,
-        Some(ModelChoice::SixDegree) => nominal.plant.model = Model::SixDegree,
-        None => {}
-    }
-    let mut rig = nominal.clone();
-    for text in &arguments.effects {
-        rig.effects.push(parse_effect(text)?);
-    }
     let added = recorded::added_effects(&nominal, &rig);
     // Effects are checked before an output is touched.
     bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
@@ -245,6 +236,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));
     }
     Ok(exit)
+}
+
+/// The rig as it is thought to be, and the one that flies.
+fn rigs(arguments: &Arguments) -> anyhow::Result<(Rig, Rig)> {
+    let mut nominal = arguments.rig.load()?;
+    match arguments.model {
+        Some(ModelChoice::Vertical) => nominal.plant.model = Model::Vertical,
+        Some(ModelChoice::SixDegree) => nominal.plant.model = Model::SixDegree,
+        None => {}
+    }
+    let mut rig = nominal.clone();
+    for text in &arguments.effects {
+        rig.effects.push(parse_effect(text)?);
+    }
+    Ok((nominal, rig))
 }
 
 /// What the flight came to, on standard output.
