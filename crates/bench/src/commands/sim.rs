@@ -132,7 +132,6 @@ fn rate(text: &str) -> Result<f64, String> {
     rate_hz.ok_or_else(|| "a rate from 0.01 to 30 a second, the frames' own".to_owned())
 }
 
-#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let (nominal, rig) = rigs(arguments)?;
     let mission = files::mission(&arguments.mission, arguments.rig.path())?;
