@@ -47,7 +47,7 @@ use crate::{
   bench sim --mission hop --effect battery-load:sag=0.05,time_constant_s=0.5 --json
   bench sim --frames --views views/
   bench sim --live --realtime --frames
-  bench sim --frames --record-views 5 --epoch 1700000000
+  bench sim --frames --record-views 5 --epoch 1700000000 -o views.mcap
 
 With --live the flight is on a page in the browser, whose address is printed; docs/live.md tells
 what it shows and takes. The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
