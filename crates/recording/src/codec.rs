@@ -133,13 +133,18 @@ fn read_position(fields: &mut FieldReader) -> Option<PositionSample> {
         heading_rad: fields.measured(4)?,
         pixel: fields.doubles(5)?,
         size_px: fields.double(6)?,
-        status: match pb::TrackStatus::try_from(i32::try_from(fields.integer(7)?).ok()?).ok()? {
-            pb::TrackStatus::Found => TrackStatus::Found,
-            pb::TrackStatus::Lost => TrackStatus::Lost,
-            pb::TrackStatus::Ambiguous => TrackStatus::Ambiguous,
-            pb::TrackStatus::Unspecified => return None,
-        },
+        status: status(fields.enumeration(7)?)?,
     })
+}
+
+/// `None` for what is no status.
+fn status(status: pb::TrackStatus) -> Option<TrackStatus> {
+    match status {
+        pb::TrackStatus::Found => Some(TrackStatus::Found),
+        pb::TrackStatus::Lost => Some(TrackStatus::Lost),
+        pb::TrackStatus::Ambiguous => Some(TrackStatus::Ambiguous),
+        pb::TrackStatus::Unspecified => None,
+    }
 }
 
 impl TryFrom<pb::Position> for PositionSample {
@@ -153,12 +158,7 @@ impl TryFrom<pb::Position> for PositionSample {
             heading_rad: position.heading_rad,
             pixel: position.pixel.map_or([0.0; 2], |pixel| [pixel.x, pixel.y]),
             size_px: position.size_px,
-            status: match position.status() {
-                pb::TrackStatus::Found => TrackStatus::Found,
-                pb::TrackStatus::Lost => TrackStatus::Lost,
-                pb::TrackStatus::Ambiguous => TrackStatus::Ambiguous,
-                pb::TrackStatus::Unspecified => return Err(format!("status {}", position.status)),
-            },
+            status: status(position.status()).ok_or_else(|| format!("status {}", position.status))?,
         })
     }
 }
@@ -214,15 +214,7 @@ fn encode_control_state(state: &ControlState, fields: &mut Fields) {
 fn read_control_state(fields: &mut FieldReader) -> Option<ControlState> {
     Some(ControlState {
         time: fields.time(1)?,
-        phase: match pb::Phase::try_from(i32::try_from(fields.integer(2)?).ok()?).ok()? {
-            pb::Phase::Idle => Phase::Idle,
-            pb::Phase::Launch => Phase::Launch,
-            pb::Phase::Open => Phase::Open,
-            pb::Phase::Hold => Phase::Hold,
-            pb::Phase::Land => Phase::Land,
-            pb::Phase::Abort => Phase::Abort,
-            pb::Phase::Unspecified => return None,
-        },
+        phase: phase(fields.enumeration(2)?)?,
         setpoint_m: fields.doubles(3)?,
         setpoint_heading_rad: fields.double(4)?,
         estimate_m: fields.doubles(5)?,
@@ -234,21 +226,26 @@ fn read_control_state(fields: &mut FieldReader) -> Option<ControlState> {
     })
 }
 
+/// `None` for what is no phase.
+fn phase(phase: pb::Phase) -> Option<Phase> {
+    match phase {
+        pb::Phase::Idle => Some(Phase::Idle),
+        pb::Phase::Launch => Some(Phase::Launch),
+        pb::Phase::Open => Some(Phase::Open),
+        pb::Phase::Hold => Some(Phase::Hold),
+        pb::Phase::Land => Some(Phase::Land),
+        pb::Phase::Abort => Some(Phase::Abort),
+        pb::Phase::Unspecified => None,
+    }
+}
+
 impl TryFrom<pb::ControlState> for ControlState {
     type Error = String;
 
     fn try_from(state: pb::ControlState) -> Result<Self, String> {
         Ok(Self {
             time: Time::from_nanos(state.time_ns),
-            phase: match state.phase() {
-                pb::Phase::Idle => Phase::Idle,
-                pb::Phase::Launch => Phase::Launch,
-                pb::Phase::Open => Phase::Open,
-                pb::Phase::Hold => Phase::Hold,
-                pb::Phase::Land => Phase::Land,
-                pb::Phase::Abort => Phase::Abort,
-                pb::Phase::Unspecified => return Err(format!("phase {}", state.phase)),
-            },
+            phase: phase(state.phase()).ok_or_else(|| format!("phase {}", state.phase))?,
             setpoint_m: vector(state.setpoint_m),
             setpoint_heading_rad: state.setpoint_heading_rad,
             estimate_m: vector(state.estimate_m),

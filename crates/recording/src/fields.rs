@@ -111,6 +111,11 @@ impl<'a> FieldReader<'a> {
         if self.next_is(number, VARINT) { self.varint() } else { Some(0) }
     }
 
+    /// `None` also for a number that the enumeration does not have.
+    pub fn enumeration<E: TryFrom<i32>>(&mut self, number: u8) -> Option<E> {
+        E::try_from(i32::try_from(self.integer(number)?).ok()?).ok()
+    }
+
     pub fn time(&mut self, number: u8) -> Option<Time> {
         self.integer(number).map(Time::from_nanos)
     }
