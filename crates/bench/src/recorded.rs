@@ -263,14 +263,9 @@ pub fn added_effects(nominal: &Rig, rig: &Rig) -> Vec<String> {
 /// What is known of a simulated flight before its first record.
 pub fn simulated_session(nominal: &Rig, added: &[String], mission: &Mission, seed: u64) -> Session {
     Session {
-        rig_name: nominal.name.clone(),
-        rig_toml: Some(nominal.to_toml()),
-        rig: Some(Box::new(nominal.clone())),
-        mission_name: mission.name.clone(),
-        mission_toml: Some(mission.to_toml()),
         seed: Some(seed),
         extra: BTreeMap::from([(ADDED_EFFECTS.to_owned(), added.join("; "))]),
-        ..Session::new(Mode::Sim)
+        ..Session::new(Mode::Sim).with_rig(nominal).with_mission(mission)
     }
 }
 

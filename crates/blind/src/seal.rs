@@ -214,12 +214,9 @@ fn fly(plan: &Plan, folder: &Path, mut case: Case) -> Result<(Truth, Vec<u64>), 
 /// The same for every case: neither seed nor anything that differs from one to another.
 fn session(plan: &Plan, mission: &Mission, filling: &str) -> Session {
     Session {
-        rig_name: plan.rig.name.clone(),
-        rig_toml: Some(plan.rig.to_toml()),
-        rig: Some(Box::new(plan.rig.clone())),
         mission_name: mission.name.clone(),
         mission_toml: Some(mission.to_toml() + filling),
-        ..Session::new(Mode::Sim)
+        ..Session::new(Mode::Sim).with_rig(&plan.rig)
     }
 }
 

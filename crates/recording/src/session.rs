@@ -1,6 +1,6 @@
 use std::{borrow::Cow, collections::BTreeMap, fmt, path::Path, str::FromStr};
 
-use bench_rig::Rig;
+use bench_rig::{Mission, Rig};
 
 use crate::RecordingError;
 
@@ -87,6 +87,23 @@ impl Session {
 }
 
 impl Session {
+    /// With a rig: its name, the attached text, and the rig itself.
+    #[must_use]
+    pub fn with_rig(self, rig: &Rig) -> Self {
+        Self {
+            rig_name: rig.name.clone(),
+            rig_toml: Some(rig.to_toml()),
+            rig: Some(Box::new(rig.clone())),
+            ..self
+        }
+    }
+
+    /// With a mission: its name and the attached text.
+    #[must_use]
+    pub fn with_mission(self, mission: &Mission) -> Self {
+        Self { mission_name: mission.name.clone(), mission_toml: Some(mission.to_toml()), ..self }
+    }
+
     /// The rig as it was given, or as it is attached; `None` where neither can be had.
     pub(crate) fn rig(&self) -> Option<Cow<'_, Rig>> {
         match (&self.rig, &self.rig_toml) {

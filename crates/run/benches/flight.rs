@@ -57,13 +57,7 @@ fn fly(rig: &Rig, mission: &Mission, sink: &mut impl Sink) {
 fn recorded(bencher: Bencher, model: Model) {
     let (rig, folder) = (rig(model), tempdir().unwrap());
     let mission = mission(&rig);
-    let session = Session {
-        rig_toml: Some(rig.to_toml()),
-        rig: Some(Box::new(rig.clone())),
-        mission_toml: Some(mission.to_toml()),
-        seed: Some(0),
-        ..Session::new(Mode::Sim)
-    };
+    let session = Session { seed: Some(0), ..Session::new(Mode::Sim).with_rig(&rig).with_mission(&mission) };
     let path = folder.path().join("flight.mcap");
     // A new file each time: to empty that of the flight before would be a part of no flight.
     let new_file = || drop(fs::remove_file(&path));

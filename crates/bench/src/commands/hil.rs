@@ -150,7 +150,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Ok(Ok(ready)) => ready,
         Ok(Err(error)) => {
             let _ = handle.join();
-            eprintln!("error: {error}");
+            words::fail(&error);
             not_flown(page, &error.to_string());
             return Ok(Exit::Stopped);
         }
@@ -193,7 +193,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let landed = runtime.block_on(watching);
     let joined = handle.join();
     let (Some(landed), Ok(())) = (landed, joined) else {
-        eprintln!("error: {FAILED}");
+        words::fail(FAILED);
         not_flown(page, FAILED);
         return Ok(Exit::Stopped);
     };
@@ -293,7 +293,7 @@ fn finish(
     let flown = match outcome {
         Ok(flown) => flown,
         Err(error) => {
-            eprintln!("error: not armed: {error}");
+            words::fail(format_args!("not armed: {error}"));
             return Ok((Exit::Stopped, live::not_flown(&format!("not armed: {error}"))));
         }
     };
@@ -319,14 +319,12 @@ fn finish(
     let whole = match &finished {
         Ok(finished) if finished.dropped == 0 => true,
         Ok(finished) => {
-            eprintln!(
-                "warning: {} not recorded, the disk was too slow",
-                words::count(finished.dropped, "record")
-            );
+            let records = words::count(finished.dropped, "record");
+            words::warn(format_args!("{records} not recorded, the disk was too slow"));
             false
         }
         Err(error) => {
-            eprintln!("error: flown, but not all of it recorded: {error}");
+            words::fail(format_args!("flown, but not all of it recorded: {error}"));
             false
         }
     };
@@ -387,10 +385,10 @@ fn seeing(arguments: &Arguments, rig: &Rig, mission: &Mission) -> anyhow::Result
 fn warn_of_other_constants(rig: &Rig, sees: &Sees) {
     let Some(calibration) = &rig.calibration else { return };
     for (key, calibrated, device) in sees.blocks.differences(&calibration.depth) {
-        eprintln!(
-            "warning: the rig's calibration has {key} = {calibrated}, this Kinect {device}; is it the one that was calibrated? \
+        words::warn(format_args!(
+            "the rig's calibration has {key} = {calibrated}, this Kinect {device}; is it the one that was calibrated? \
              `bench calibrate` with its own frames"
-        );
+        ));
     }
 }
 
@@ -422,15 +420,10 @@ fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str
         ready.sees.as_ref().map(|sees| [("kinect", sees.to_string()), ("tracker", "Kinect".to_owned())]);
     let extra = extra.into_iter().chain(sees.into_iter().flatten());
     Session {
-        rig_name: rig.name.clone(),
-        rig_toml: Some(rig.to_toml()),
-        rig: Some(Box::new(rig.clone())),
-        mission_name: mission.name.clone(),
-        mission_toml: Some(mission.to_toml()),
         seed: Some(seed),
         // The loop's clock starts as soon as the recorder is there.
         epoch_unix_ns: u64::try_from(since_1970().as_nanos()).ok(),
         extra: extra.map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
-        ..Session::new(Mode::Hil)
+        ..Session::new(Mode::Hil).with_rig(rig).with_mission(mission)
     }
 }

@@ -55,9 +55,7 @@ impl Output {
 fn session(log: &Path, map: &ImportMap, rig: Option<&Rig>, origin_ns: i128) -> Session {
     let mut session = Session::new(Mode::Import);
     if let Some(rig) = rig {
-        session.rig_name.clone_from(&rig.name);
-        session.rig_toml = Some(rig.to_toml());
-        session.rig = Some(Box::new(rig.clone()));
+        session = session.with_rig(rig);
     }
     let log = log.file_name().unwrap_or_default().to_string_lossy().into_owned();
     session.extra.extend([
