@@ -40,8 +40,18 @@ struct Seen {
 pub struct Frames {
     spare: Consumer<Seen>,
     seen: Producer<Seen>,
-    thread: Thread,
     shared: Arc<Shared>,
+    /// Last, so that the thread finds the queue abandoned when it is woken for the end.
+    wakes: Wakes,
+}
+
+/// Wakes the thread that draws, at the end too.
+struct Wakes(Thread);
+
+impl Drop for Wakes {
+    fn drop(&mut self) {
+        self.0.unpark();
+    }
 }
 
 impl Frames {
@@ -53,12 +63,14 @@ impl Frames {
             // The queue holds as many.
             let _ = spares.push(Seen { frame: Frame::default(), candidates, sighting: Sighting::default() });
         }
-        let draws = Draws { frames, spares, camera: Camera::new(calibration), shared: Arc::clone(&shared) };
+        let camera = Camera::new(calibration);
+        let buffers = [const { Vec::new() }; 3];
+        let draws = Draws { frames, spares, camera, buffers, shared: Arc::clone(&shared) };
         let thread = thread::Builder::new()
             .name("views".to_owned())
             .spawn(move || draws.run())
             .map_err(|source| ViewError::Thread { thread: "views", source })?;
-        Ok(Self { spare, seen, thread: thread.thread().clone(), shared })
+        Ok(Self { spare, seen, shared, wakes: Wakes(thread.thread().clone()) })
     }
 
     /// Shows a frame that the tracker has just looked at.
@@ -73,13 +85,7 @@ impl Frames {
         seen.sighting = *sighting;
         // There is room for all frames that there are.
         let _ = self.seen.push(seen);
-        self.thread.unpark();
-    }
-}
-
-impl Drop for Frames {
-    fn drop(&mut self) {
-        self.thread.unpark();
+        self.wakes.0.unpark();
     }
 }
 
@@ -88,6 +94,8 @@ struct Draws {
     frames: Consumer<Seen>,
     spares: Producer<Seen>,
     camera: Camera,
+    /// Of the views drawn last, to draw the next ones into.
+    buffers: [Vec<u8>; 3],
     shared: Arc<Shared>,
 }
 
@@ -103,7 +111,7 @@ impl Draws {
                 continue;
             };
             let views = Views::draw(
-                [const { Vec::new() }; 3],
+                std::mem::take(&mut self.buffers),
                 &seen.frame,
                 &self.camera,
                 &seen.candidates,
@@ -113,8 +121,11 @@ impl Draws {
             // There is room for all frames that there are.
             let _ = self.spares.push(seen);
             // A frame of ours has its size, and an image of that size can be encoded.
-            if let Some(message) = views.ok().and_then(|views| message(&views, time_s).ok()) {
-                self.shared.views.send_replace(Some(message));
+            if let Ok(views) = views {
+                if let Ok(message) = message(&views, time_s) {
+                    self.shared.views.send_replace(Some(message));
+                }
+                self.buffers = [views.full, views.red, views.depth].map(Image::into_rgb);
             }
             let now = Instant::now();
             let until = drawn.map_or(now, |drawn| drawn + APART);
