@@ -3,11 +3,8 @@
 use std::{
     collections::BTreeMap,
     fs,
-    io::{BufRead, BufReader},
     net::TcpStream,
-    process::{Child, Command, Stdio},
     sync::{Arc, Mutex},
-    time::Duration,
 };
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
@@ -15,7 +12,7 @@ use bench_recording::{Observer, Options, Recorder, Recording, ViewerChannel};
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
-use crate::support::{Scratch, bench, root};
+use crate::support::{Scratch, Serving, bench};
 
 /// Topic, log time in nanoseconds, and the message.
 type Seen = (String, u64, Vec<u8>);
@@ -24,53 +21,25 @@ type Seen = (String, u64, Vec<u8>);
 type Schemas = BTreeMap<String, (String, Vec<u8>)>;
 
 /// `bench` with a server.
-struct Bench {
-    process: Child,
-    words: BufReader<std::process::ChildStderr>,
-    host: String,
-}
+struct Bench(Serving);
 
 impl Bench {
     fn start(arguments: &[&str]) -> Self {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
-            .current_dir(root())
-            .args(arguments)
-            .args(["--realtime", "--foxglove", "127.0.0.1:0"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut words = BufReader::new(process.stderr.take().unwrap());
-        let host = loop {
-            let mut line = String::new();
-            assert!(words.read_line(&mut line).unwrap() > 0, "it ended before it told its address");
-            if let Some(host) = line.strip_prefix("foxglove: ws://") {
-                break host.trim().to_owned();
-            }
-        };
-        Self { process, words, host }
+        let serve = ["--realtime", "--foxglove", "127.0.0.1:0"];
+        Self(Serving::start(&[arguments, &serve].concat(), "foxglove: ws://"))
     }
 
     fn viewer(&self) -> Viewer {
-        let request = ClientRequestBuilder::new(format!("ws://{}/", self.host).parse().unwrap())
+        let host = &self.0.address;
+        let request = ClientRequestBuilder::new(format!("ws://{host}/").parse().unwrap())
             .with_sub_protocol("foxglove.sdk.v1");
-        let stream = TcpStream::connect(&self.host).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        let (socket, _) = tungstenite::client(request, stream).unwrap();
+        let socket = Serving::connect(host, request);
         Viewer { socket, topics: BTreeMap::new(), schemas: Schemas::new() }
     }
 
     /// The exit code.
-    fn end(mut self) -> Option<i32> {
-        std::io::copy(&mut self.words, &mut std::io::sink()).unwrap();
-        self.process.wait().unwrap().code()
-    }
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
+    fn end(self) -> Option<i32> {
+        self.0.end().0
     }
 }
 

@@ -1,10 +1,6 @@
 //! `--live`: flights that are started, changed and stopped over the page's own connection. What a browser makes of it is in tests/browser.
 
-use std::{
-    io::{BufRead, BufReader},
-    net::TcpStream,
-    process::{Child, Command, Stdio},
-};
+use std::net::TcpStream;
 
 use bench_recording::Flight;
 use serde_json::{Value, json};
@@ -12,60 +8,31 @@ use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
 use crate::{
     hil::{Emulated, short_mission},
-    support::{Scratch, bench, json as printed, refused, root},
+    support::{Scratch, Serving, bench, json as printed, refused},
 };
 
 /// `bench` with a live page.
-struct Bench {
-    process: Child,
-    words: BufReader<std::process::ChildStderr>,
-    url: String,
-}
+struct Bench(Serving);
 
 impl Bench {
     fn start(arguments: &[&str]) -> Self {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
-            .current_dir(root())
-            .args(arguments)
-            .args(["--live", "--listen", "127.0.0.1:0", "--json"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut words = BufReader::new(process.stderr.take().unwrap());
-        let url = loop {
-            let mut line = String::new();
-            assert!(words.read_line(&mut line).unwrap() > 0, "it ended before it told its address");
-            if let Some(url) = line.strip_prefix("live page: ") {
-                break url.trim().to_owned();
-            }
-        };
-        Self { process, words, url }
+        let live = ["--live", "--listen", "127.0.0.1:0", "--json"];
+        Self(Serving::start(&[arguments, &live].concat(), "live page: "))
     }
 
     fn browser(&self) -> Browser {
-        let (host, token) = self.url.trim_start_matches("http://").split_once("/#").unwrap();
+        let (host, token) = self.0.address.trim_start_matches("http://").split_once("/#").unwrap();
         let request = ClientRequestBuilder::new(format!("ws://{host}/live").parse().unwrap())
             .with_header("Origin", format!("http://{host}"));
-        let stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
-        let mut browser = Browser(tungstenite::client(request, stream).unwrap().0);
+        let mut browser = Browser(Serving::connect(host, request));
         browser.say(&json!({ "token": token }));
         browser
     }
 
     /// Exit code, and what was printed.
-    fn end(mut self) -> (Option<i32>, Value) {
-        let printed = serde_json::from_reader(self.process.stdout.take().unwrap()).unwrap();
-        std::io::copy(&mut self.words, &mut std::io::sink()).unwrap();
-        (self.process.wait().unwrap().code(), printed)
-    }
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
+    fn end(self) -> (Option<i32>, Value) {
+        let (code, printed) = self.0.end();
+        (code, serde_json::from_slice(&printed).unwrap())
     }
 }
 
@@ -168,13 +135,12 @@ fn without_a_change_a_watched_simulation_is_recorded_to_the_same_bytes() {
 fn ctrl_c_before_start_flies_nothing() {
     let scratch = Scratch::new();
     let recording = scratch.path("never.mcap");
-    let mut bench = Bench::start(&["sim", "-o", recording.to_str().unwrap()]);
+    let bench = Bench::start(&["sim", "-o", recording.to_str().unwrap()]);
     let mut browser = bench.browser();
     browser.stage("waiting");
-    let id = bench.process.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    bench.0.interrupt();
     assert_eq!(browser.stage("closed")["headline"], "Not flown: Ctrl-C");
-    assert_eq!(bench.process.wait().unwrap().code(), Some(4));
+    assert_eq!(bench.0.end().0, Some(4));
     assert!(!recording.exists());
 }
 

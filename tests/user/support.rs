@@ -1,10 +1,15 @@
 use std::{
     fs,
+    io::{self, BufRead as _, BufReader, Read as _},
+    net::TcpStream,
     path::{Path, PathBuf},
+    process::{Child, ChildStderr, Stdio},
+    time::Duration,
 };
 
 use assert_cmd::{Command, assert::Assert};
 use scraper::{ElementRef, Html, Selector};
+use tungstenite::{ClientRequestBuilder, WebSocket};
 
 /// The project's folder, where the README's commands are run.
 pub fn root() -> &'static Path {
@@ -40,6 +45,63 @@ impl Scratch {
         let name = self.name(file);
         bench(["sim", "-o", &name, "--force"]).args(arguments).assert().success();
         name
+    }
+}
+
+/// `bench` that serves something while it flies. It ends with its test.
+pub struct Serving {
+    process: Child,
+    words: BufReader<ChildStderr>,
+    /// Where it serves, as it says behind certain words.
+    pub address: String,
+}
+
+impl Serving {
+    pub fn start(arguments: &[&str], says: &str) -> Self {
+        let mut process = std::process::Command::new(env!("CARGO_BIN_EXE_bench"))
+            .current_dir(root())
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut words = BufReader::new(process.stderr.take().unwrap());
+        let address = loop {
+            let mut line = String::new();
+            assert!(words.read_line(&mut line).unwrap() > 0, "it ended before it told its address");
+            if let Some(address) = line.strip_prefix(says) {
+                break address.trim().to_owned();
+            }
+        };
+        Self { process, words, address }
+    }
+
+    /// A connection to the server on a host and port.
+    pub fn connect(host: &str, request: ClientRequestBuilder) -> WebSocket<TcpStream> {
+        let stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        tungstenite::client(request, stream).unwrap().0
+    }
+
+    /// As Ctrl-C does.
+    pub fn interrupt(&self) {
+        let id = self.process.id().to_string();
+        assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    }
+
+    /// Exit code and what was printed, once it has ended by itself.
+    pub fn end(mut self) -> (Option<i32>, Vec<u8>) {
+        let mut printed = Vec::new();
+        self.process.stdout.take().unwrap().read_to_end(&mut printed).unwrap();
+        io::copy(&mut self.words, &mut io::sink()).unwrap();
+        (self.process.wait().unwrap().code(), printed)
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
     }
 }
 
