@@ -8,6 +8,8 @@ use bench_run::{Directive, StopReason, Watcher};
 use bench_view::{About, Ask, Controls, Frames, Live, Outcome, Stage, Start};
 use clap::Args;
 
+use crate::words;
+
 /// The live page.
 #[derive(Args)]
 #[group(skip)]
@@ -55,11 +57,11 @@ impl LiveArguments {
         let (watcher, records, missed) = Watcher::new(RECORDS, when_full);
         let (live, controls) = Live::start(self.listen, about, records, missed)?;
         if live.is_exposed() {
-            eprintln!(
-                "warning: the live page listens on {}, where other machines reach it, and nothing on its way is encrypted; whoever has \
+            words::warn(format_args!(
+                "the live page listens on {}, where other machines reach it, and nothing on its way is encrypted; whoever has \
                  the address below can fly",
                 self.listen
-            );
+            ));
         }
         eprintln!("live page: {}", live.url());
         let page = Page { live, autostart: self.autostart };

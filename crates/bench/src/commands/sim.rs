@@ -227,10 +227,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         watch: arguments.frames.then_some(&watch),
     };
     tell(arguments, &flight, &finished, took)?;
-    let outcome = flight.outcome(flight.in_words(&finished));
     let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
-    let exit = keep(arguments, &output, finished, failed)?.unwrap_or_else(|| flight.exit());
+    let exit = keep(arguments, &output, &finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
+        let outcome = flight.outcome(flight.in_words(&finished));
         let Watched { page, runtime, mut interrupts, .. } = watched;
         runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));
     }
@@ -277,15 +277,15 @@ fn tell(
 fn keep(
     arguments: &Arguments,
     output: &Path,
-    finished: Result<Finished, RecordingError>,
+    finished: &Result<Finished, RecordingError>,
     views: Option<&KinectError>,
 ) -> anyhow::Result<Option<Exit>> {
     if let Err(error) = finished {
-        eprintln!("error: the flight was simulated, but not all of it recorded: {error}");
+        words::fail(format_args!("the flight was simulated, but not all of it recorded: {error}"));
         return Ok(Some(Exit::DataLoss));
     }
     if let Some(error) = views {
-        eprintln!("error: the flight is recorded, but not all views were drawn: {error}");
+        words::fail(format_args!("the flight is recorded, but not all views were drawn: {error}"));
         return Ok(Some(Exit::DataLoss));
     }
     if let Some(table) = &arguments.export {

@@ -16,6 +16,8 @@ use foxglove::{
 };
 use tokio::{runtime::Handle, sync::oneshot};
 
+use crate::words;
+
 /// How long clients are waited for at the end.
 const FAREWELL: Duration = Duration::from_secs(1);
 
@@ -79,9 +81,9 @@ impl Server {
                 )
             })?;
         if !address.ip().is_loopback() {
-            eprintln!(
-                "warning: Foxglove's server listens on {address}, where other machines reach it; whoever connects sees the flight"
-            );
+            words::warn(format_args!(
+                "Foxglove's server listens on {address}, where other machines reach it; whoever connects sees the flight"
+            ));
         }
         eprintln!("foxglove: ws://{host}:{port}");
         Ok(Self { context, kept, runtime: handle, end: Some(end), ended })
