@@ -83,7 +83,9 @@ fn a_loopback_flight_is_started_changed_and_stopped_from_the_page() {
     browser.say(&json!({ "command": "stop" }));
     let landed = browser.stage("landed");
     assert_eq!(landed["headline"], "Stopped: STOP was pressed on the live page");
-    assert!(landed["words"].as_str().unwrap().contains("outputs seen at zero"));
+    let words = landed["words"].as_str().unwrap();
+    assert!(words.contains("outputs seen at zero"));
+    assert!(!words.contains('\u{1b}'), "a terminal's colours are not for a page: {words:?}");
     browser.say(&json!({ "command": "end" }));
     let (code, report) = bench.end();
     drop(stalled);

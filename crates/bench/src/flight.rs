@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use anstream::adapter::strip_str;
 use bench_page::Tone;
 use bench_recording::{Finished, RecordingError};
 use bench_rig::{Mission, Rig};
@@ -31,8 +32,8 @@ impl Flight<'_> {
         }
     }
 
-    /// The flight as the live page tells it, with what the terminal says.
-    pub fn outcome(&self, words: String) -> Outcome {
+    /// The flight as the live page tells it, with what the terminal says: its colours are left out.
+    pub fn outcome(&self, words: &str) -> Outcome {
         let exit = self.exit();
         let headline = match (&self.flown.ending, exit) {
             (Ending::Stopped(reason), _) => format!("Stopped: {reason}"),
@@ -41,7 +42,7 @@ impl Flight<'_> {
             (Ending::Complete, Exit::Done) => "Flown, and all criteria met".to_owned(),
             (Ending::Complete, _) => "Flown, but criteria were missed".to_owned(),
         };
-        Outcome { passed: exit == Exit::Done, headline, words }
+        Outcome { passed: exit == Exit::Done, headline, words: strip_str(words).to_string() }
     }
 
     /// What flew where.

@@ -230,7 +230,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
     let exit = keep(arguments, &output, &finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
-        let outcome = flight.outcome(flight.in_words(&finished));
+        let outcome = flight.outcome(&flight.in_words(&finished));
         let Watched { page, runtime, mut interrupts, .. } = watched;
         runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));
     }

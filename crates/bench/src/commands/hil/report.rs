@@ -37,7 +37,7 @@ impl Report<'_> {
 
     /// The flight as the live page tells it.
     pub fn outcome(&self, finished: &Result<Finished, RecordingError>) -> Outcome {
-        let outcome = self.flight().outcome(self.in_words(finished));
+        let outcome = self.flight().outcome(&self.in_words(finished));
         Outcome { passed: self.exit() == Exit::Done, ..outcome }
     }
 
