@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use bench_blind::{Answer, Interval, Told, Verdict};
-use bench_diagnosis::{self as diagnosis, Calibration, Diagnosis, Problem};
+use bench_diagnosis::{self as diagnosis, Calibration, Diagnosis};
+use bench_inference::Problem;
 use bench_rig::Rig;
 
 use crate::commands::tracks::Selection;

@@ -8,7 +8,9 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Outcome, Problem, Track, Verdict, alarm_margin, verdict};
+use bench_diagnosis::{Calibration, Outcome, Verdict, alarm_margin, verdict};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Location, Mission, Model, Rig, Uncertain};
 use bench_run::simulate;

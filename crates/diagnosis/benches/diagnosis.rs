@@ -5,7 +5,9 @@
 
 use std::path::Path;
 
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Verdict};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Model, PhaseAction, Rig};

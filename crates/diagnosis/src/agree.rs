@@ -6,16 +6,13 @@
 //! combination of estimates from different experiments, Biometrics 10, 1954) holds the spread of these against that variance and
 //! what may differ in one condition.
 
+use bench_filter::{BIAS, Coordinate, Point, fly_track};
+use bench_inference::{Fit, Free, Problem};
 use rayon::prelude::*;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use crate::{
-    diagnose::FORM_SIGMA,
-    fit::{Fit, Free, Problem},
-    law::{BIAS, Coordinate, Point},
-    pass::fly_track,
-};
+use crate::diagnose::FORM_SIGMA;
 
 /// Share of sets of flights of one condition that would be told apart, were the parabolas exact.
 const LEVEL: f64 = 1e-3;

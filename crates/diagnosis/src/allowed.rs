@@ -1,14 +1,10 @@
 //! How far off a rig predicts, held against what its tolerances and noise allow: beyond that by far, it is not this airframe's.
 
+use bench_filter::{Coordinate, HORIZONS_S, Point, fly_track};
+use bench_inference::{Fit, Problem};
 use bench_plant::effects::LIBRARY;
 use rayon::prelude::*;
 use serde::Serialize;
-
-use crate::{
-    fit::{Fit, Problem},
-    law::{Coordinate, Point},
-    pass::{HORIZONS_S, fly_track},
-};
 
 /// Which of the horizons is told.
 const HORIZON: usize = 1;

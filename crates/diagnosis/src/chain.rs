@@ -1,12 +1,10 @@
 //! Two laws of a pin, one behind the other: the second makes of what the first holds what the readback shows.
 
+use bench_filter::{Pin, dragged};
+use bench_statistics::evenly_in_log;
 use rayon::prelude::*;
 
-use crate::{
-    direct::evenly_in_log,
-    readback::{PinChannel, dragged},
-    track::Pin,
-};
+use crate::readback::PinChannel;
 
 /// What a pin does with what it is told.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,5 +1,7 @@
 //! From flights to a verdict, and what is told of it.
 
+use bench_filter::{Axis, Point, Track};
+use bench_inference::{Fit, Problem, Regions, Search, fitted_effects};
 use bench_plant::effects::{LIBRARY, Stage, index_of};
 use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
@@ -9,17 +11,11 @@ use crate::{
     allowed::{Ahead, ahead},
     calibration::{Calibration, Told},
     direct::{Direct, Finding, direct},
-    fit::{Fit, Problem},
     gap::{Gap, gap},
     groups::{cosines, same},
-    law::Point,
     next_flight::{NextFlight, close},
-    pass::Axis,
-    region::Regions,
-    search::{Search, fitted_effects},
-    smooth::{Trace, traces},
     stage::{StageShare, stages},
-    track::Track,
+    trace::{Trace, traces},
     weigh::{Grounds, Hypothesis, Weighed},
 };
 

@@ -4,11 +4,13 @@
 //! Each channel has its own likelihood, in which effects of its stage compete with ordinary behaviour. A channel's
 //! evidence adds to the evidence of the filter, which is fed with what the pins held and when.
 
+use bench_filter::{TOGETHER_S, Track, known};
 use bench_plant::effects::index_of;
 use bench_rig::Rig;
+use bench_statistics::median_high;
 use serde::Serialize;
 
-use crate::{cycle::cycle, frame_clock::TOGETHER_S, law::known, readback, track::Track};
+use crate::{cycle::cycle, readback};
 
 /// What the direct channels say.
 #[derive(Clone, Debug, Default)]
@@ -76,19 +78,6 @@ pub fn direct(tracks: &[Track], rig: &Rig) -> Direct {
 
 /// Nats that a law with a free number must gain.
 pub(crate) const LAW_COST: f64 = 8.0;
-/// Median of a normal's magnitude over its deviation.
-pub(crate) const MEDIAN_OF_NORMAL: f64 = 0.6745;
-
-pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
-/// So many values from one to another, even in the logarithm; `n` is two at least, both ends positive.
-pub(crate) fn evenly_in_log(from: f64, to: f64, n: usize) -> impl Iterator<Item = f64> {
-    (0..n).map(move |i| from * (to / from).powf(i as f64 / (n - 1) as f64))
-}
-
 /// A channel's likelihood is not exact: so many nats are as good as certain.
 pub(crate) const MOST_DIRECT: f64 = 60.0;
 
@@ -97,7 +86,8 @@ const ORDINARY_WAY_S: f64 = 0.006;
 
 /// How late a real output follows, and what it does not answer.
 fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
-    let Some(typical_s) = median(tracks.iter().flat_map(|t| &t.pins).map(|pin| pin.delay_s).collect()) else {
+    let Some(typical_s) = median_high(tracks.iter().flat_map(|t| &t.pins).map(|pin| pin.delay_s).collect())
+    else {
         return;
     };
     let answered: usize = tracks.iter().map(|t| t.pins.len()).sum();

@@ -1,13 +1,9 @@
 //! Which effects these flights cannot tell apart: their expected responses point the same way once the rig's tolerances
 //! have explained what they can.
 
+use bench_filter::{Direction, is_random, run};
+use bench_inference::{Fit, Problem, directions, project};
 use bench_plant::effects::LIBRARY;
-
-use crate::{
-    fit::{Fit, Problem, directions, project},
-    pass::{Direction, run},
-    random::is_random,
-};
 
 /// Cosine beyond which two effects count as one.
 const SAME: f64 = 0.8;

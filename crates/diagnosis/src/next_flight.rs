@@ -1,5 +1,7 @@
 //! The mission that best tells two hypotheses apart: T-optimal, the rival re-fitted (docs/diagnosis.md).
 
+use bench_filter::{BIAS, LATENCY, Noise, Pass, Point, Scored, Track, added, is_random, run};
+use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_step};
 use std::{fmt::Write as _, path::PathBuf};
 
 use bench_plant::effects::{LIBRARY, index_of};
@@ -12,16 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use thiserror::Error;
 
-use crate::{
-    diagnose::Candidate,
-    fit::{Fit, Free, Problem, directions, limited_step},
-    law::{BIAS, LATENCY, Point},
-    pass::{Noise, Pass, run},
-    random::{self, is_random},
-    search::fitted_effects,
-    sight::Scored,
-    track::Track,
-};
+use crate::diagnose::Candidate;
 
 /// A mission that tells two hypotheses apart, and what it is expected to bring.
 #[derive(Clone, Debug, Serialize)]
@@ -386,7 +379,7 @@ impl<'a, F: Fn(&Rig, &Rig, &Mission) -> Option<Flight> + Sync> Arena<'a, F> {
         let mut best: Option<Expectation> = None;
         for (noise, price) in &self.noises[which].0 {
             let fit = &self.fits[which];
-            let full = random::added(&fit.point, noise, self.problem.rig);
+            let full = added(&fit.point, noise, self.problem.rig);
             let start = best.as_ref().map(|best| &best.point);
             let mut found = expect(self.problem, fit, &full, tracks, Some(&truth.variances_m2), start)?;
             found.nll += price;
@@ -416,7 +409,7 @@ impl Noises {
 
     /// The fit's own.
     fn own(&self, problem: &Problem<'_>, fit: &Fit) -> Noise {
-        random::added(&fit.point, &self.0[0].0, problem.rig)
+        added(&fit.point, &self.0[0].0, problem.rig)
     }
 }
 

@@ -1,16 +1,14 @@
 //! The laws of a pin: what each holds of what it was told, by its readback.
 
+use bench_filter::{Pin, Track, dragged, readback_sigma};
 use bench_plant::effects::LIBRARY;
 use bench_rig::Rig;
+use bench_statistics::{evenly_in_log, median_high};
 use rayon::prelude::*;
 
 use crate::{
     chain::{Bend, chain},
-    direct::{
-        Direct, DirectEffect, Finding, LAW_COST, MEDIAN_OF_NORMAL, MOST_DIRECT, evenly_in_log, library,
-        median,
-    },
-    track::{Pin, Track},
+    direct::{Direct, DirectEffect, Finding, LAW_COST, MOST_DIRECT, library},
 };
 
 /// Squared residuals of a readback count at most so many sigma squared: a hypothesis wins by many samples, not by one.
@@ -42,28 +40,6 @@ const LEAST_FLIGHTS: usize = 3;
 const SCALE_COST: f64 = 1.0;
 /// Readbacks nearer than this to a scale tell it.
 const NEAR_SIGMAS: f64 = 4.0;
-/// Fewest neighbours under the same command that show the readback's noise.
-const LEAST_NEIGHBOURS: usize = 10;
-
-/// One sigma of the readback's noise: from what differs from the command where that is all noise, else from neighbours
-/// under the same command, else the rig's figure.
-pub fn readback_sigma(pins: &[Pin], rig: &Rig) -> f64 {
-    let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
-    let least = 1e-5 * range;
-    let neighbours: Vec<f64> = pins
-        .windows(2)
-        .filter(|pair| pair[0].commanded == pair[1].commanded)
-        .map(|pair| (pair[1].readback - pair[0].readback).abs() / std::f64::consts::SQRT_2)
-        .collect();
-    let told = (rig.output.readback_noise_fraction * range).max(1e-4 * range);
-    let enough = neighbours.len() >= LEAST_NEIGHBOURS;
-    let still = if enough { median(neighbours).map_or(told, |m| m / MEDIAN_OF_NORMAL) } else { told };
-    let off = pins.iter().map(|pin| (pin.readback - pin.commanded).abs()).collect();
-    let all = median(off).map_or(told, |m| m / MEDIAN_OF_NORMAL);
-    // Most readbacks are as commanded: they are more than the neighbours, so the better estimate.
-    (if all < 1.5 * still { all } else { still }).max(least)
-}
-
 /// A law of the pins: what each holds, iteration by iteration of a flight.
 struct PinLaw {
     effect: usize,
@@ -85,11 +61,6 @@ struct Scales {
 /// Half a squared residual in sigmas, capped.
 fn capped(off: f64, sigma: f64) -> f64 {
     (0.5 * (off / sigma).powi(2)).min(CAP)
-}
-
-/// Where what follows through play of such a width is that was at `held` before.
-pub fn dragged(held: f64, told: f64, width: f64) -> f64 {
-    held.clamp(told - 0.5 * width, told + 0.5 * width)
 }
 
 /// The pins of all flights.
@@ -164,7 +135,7 @@ impl PinChannel<'_> {
             }
             excess += left;
         }
-        self.limited(levels.map(median), excess)
+        self.limited(levels.map(median_high), excess)
     }
 
     /// Limits what the pins of a flight are told, in one direction, at the level that leaves the least excess: that, and the level
@@ -245,7 +216,8 @@ impl PinChannel<'_> {
         let (min, max) = (self.rig.airframe.sticks.min, self.rig.airframe.sticks.max);
         let scale = |pins: &[Pin]| {
             let above = || pins.iter().filter(|pin| pin.commanded > min);
-            let rough = median(above().map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())?;
+            let rough =
+                median_high(above().map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())?;
             // A median needs half as many readbacks again for what least squares tell.
             let near = above().filter(|pin| {
                 (pin.readback - min - rough * (pin.commanded - min)).abs() < NEAR_SIGMAS * self.sigma

@@ -4,19 +4,15 @@
 //! A stage's share is its mean gain over all orders in which stages may be replaced (Shapley, A Value for n-Person Games,
 //! 1953), so that shares add up whatever explains the same.
 
+use bench_filter::{Input, Point, Track, fly_track, held};
+use bench_inference::{Fit, Problem};
 use bench_plant::effects::LIBRARY;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::{
-    fit::{Fit, Problem},
-    gap::Figure,
-    law::Point,
-    pass::fly_track,
-    track::{Input, Track, held},
-};
+use crate::gap::Figure;
 
 /// A stage's share of the gap between the rig as it is and the best hypothesis.
 #[derive(Clone, Debug, Serialize)]

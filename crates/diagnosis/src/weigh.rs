@@ -1,5 +1,7 @@
 //! How hypotheses are weighed against one another: evidence of filter and direct channels, forms, and what is left.
 
+use bench_filter::is_random;
+use bench_inference::{Fit, MANY_FLIGHTS, Problem, Regions, Search, Waves, own_axes, pulses, regions, waves};
 use bench_plant::effects::LIBRARY;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -8,11 +10,6 @@ use crate::{
     calibration::{Calibration, Telling, Told},
     diagnose::Verdict,
     direct::{Direct, direct},
-    fit::{Fit, Problem},
-    pulse::pulses,
-    random::is_random,
-    region::{Regions, Waves, own_axes, regions, waves},
-    search::{MANY_FLIGHTS, Search},
 };
 
 /// Laws of another form leave some structure even where their cause is named rightly: so many nats are forgiven before a

@@ -4,7 +4,9 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Verdict};
+use bench_filter::{Track, TrackError};
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use flown::fly;
 use support::rig;

@@ -5,7 +5,9 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track};
+use bench_diagnosis::{Calibration, Diagnosis};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use bench_rig::{Rig, Uncertain};
 use rand::SeedableRng;

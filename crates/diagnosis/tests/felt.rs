@@ -4,7 +4,9 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Verdict};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Motion};
 use bench_rig::Rig;

@@ -12,7 +12,9 @@ mod through;
 use std::path::Path;
 
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, TrackError, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Verdict};
+use bench_filter::{Track, TrackError};
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use bench_recording::Flight;
 use bench_rig::Rig;

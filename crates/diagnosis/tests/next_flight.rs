@@ -6,9 +6,9 @@ mod support;
 
 use std::path::Path;
 
-use bench_diagnosis::{
-    Calibration, Candidate, Diagnosis, NextFlight, NextFlightError, Problem, Track, Verdict,
-};
+use bench_diagnosis::{Calibration, Candidate, Diagnosis, NextFlight, NextFlightError, Verdict};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};

@@ -7,7 +7,9 @@ mod through;
 use std::cell::Cell;
 
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Verdict};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_plant::lab::SharedWorld;
 use bench_rig::Rig;
 use rand::{RngExt, SeedableRng};

@@ -4,7 +4,9 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Telling, ToldByKind, Track, Verdict, verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Telling, ToldByKind, Verdict, verdict};
+use bench_filter::Track;
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use flown::fly;
 use support::rig;

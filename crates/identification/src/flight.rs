@@ -1,6 +1,7 @@
 //! The nominal numbers from nominal flights.
 
-use bench_diagnosis::{BIAS, Coordinate, Fit, GAIN, LATENCY, Noise, OFFSET, Point, Problem, Track};
+use bench_filter::{BIAS, Coordinate, GAIN, LATENCY, Noise, OFFSET, Point, Track};
+use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
 use serde::Serialize;
 

@@ -1,6 +1,7 @@
 //! Noise of tracker and air, as the flights show it.
 
-use bench_diagnosis::{Fit, Noise, Problem};
+use bench_filter::Noise;
+use bench_inference::{Fit, Problem};
 
 /// One of the noise's numbers: how to reach it, how far its logarithm may be from what was thought before, and in which
 /// range it lies.

@@ -1,6 +1,7 @@
 //! What is refused: flights and rigs of which no number could be believed.
 
-use bench_diagnosis::{Fit, GAIN, Noise, OFFSET, Point, Problem, Track};
+use bench_filter::{GAIN, Noise, OFFSET, Point, Track};
+use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig};
 
 use crate::error::{Contradiction, IdentifyError};

@@ -1,9 +1,9 @@
 //! A model held against open-loop flights (paper, section 3.5, figure 11): nothing is fitted.
 
-use bench_diagnosis::{
-    BIAS, Consistency, GAIN, HORIZONS_S, LATENCY, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Problem,
-    Sighting, Track,
+use bench_filter::{
+    BIAS, GAIN, HORIZONS_S, LATENCY, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track,
 };
+use bench_inference::{Consistency, Problem};
 use bench_rig::Rig;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use bench_diagnosis::Track;
+use bench_filter::Track;
 use bench_identification::{IdentifyError, identify_flights};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};

@@ -4,8 +4,10 @@
 
 use std::path::Path;
 
-use bench_diagnosis::{Calibration, Diagnosis, Problem, Track, Verdict};
+use bench_diagnosis::{Calibration, Diagnosis, Verdict};
+use bench_filter::Track;
 use bench_identification::{FlightIdentification, IdentifyError, identify_flights};
+use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Motion, Record, Session};
 use bench_rig::{Actuation, Mission, Model, Rig, Uncertain};

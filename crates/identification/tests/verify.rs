@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bench_diagnosis::Track;
+use bench_filter::Track;
 use bench_identification::{IdentifyError, OpenLoop, Tolerance, VerifyVerdict, verify};
 use bench_plant::effects::parse_effect;
 use bench_recording::{Flight, Mode, Record, Session};

@@ -4,8 +4,10 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Ahead, Diagnosis, NextFlight, Problem, Track};
+use bench_diagnosis::{Ahead, Diagnosis, NextFlight};
+use bench_filter::Track;
 use bench_identification::plausible_altitude;
+use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
 use bench_run::{Ending, simulate_on};

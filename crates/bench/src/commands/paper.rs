@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::Track;
+use bench_filter::Track;
 use bench_identification::{
     GroundIdentification, OpenLoop, Readings, ThrustIdentification, ThrustOptions, Tolerance, Verification,
     identify_flights, identify_ground_effect, identify_thrust, verify,

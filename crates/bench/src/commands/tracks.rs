@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bench_diagnosis::Track;
+use bench_filter::Track;
 use bench_recording::Flight;
 use bench_rig::Rig;
 use clap::{Args, ValueEnum};

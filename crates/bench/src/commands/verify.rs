@@ -1,7 +1,7 @@
 use std::{fmt::Write as _, path::PathBuf};
 
 use anyhow::{Context, bail};
-use bench_diagnosis::Track;
+use bench_filter::Track;
 use bench_identification::{OpenLoop, Tolerance, Verification, VerifyVerdict, verify};
 use bench_page::Tone;
 use bench_recording::Flight;

@@ -1,7 +1,7 @@
 //! Flights through outputs that the simulator does not have.
 
 use bench_device::VoltageOutput;
-use bench_diagnosis::Track;
+use bench_filter::Track;
 use bench_plant::lab::{Lab, SharedWorld, SimulatedOutput};
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::Rig;

@@ -2,7 +2,8 @@
 
 use std::{collections::HashSet, path::Path};
 
-use bench_diagnosis::{Consistency, Diagnosis, FlightGap, Trace};
+use bench_diagnosis::{Diagnosis, FlightGap, Trace};
+use bench_inference::Consistency;
 use bench_page::{
     Mark, Panel, Plot, Section, Series,
     parts::{block, folded},

@@ -1,6 +1,6 @@
 //! A sighting held against its prediction: how likely it is under what blurs, delays and loses frames.
 
-use crate::pass::{Covariance, Noise};
+use crate::{noise::Noise, pass::Covariance};
 
 /// Innovations beyond this many sigma count linearly.
 const HUBER: f64 = 4.0;

@@ -4,7 +4,9 @@
 use bench_recording::Flight;
 use bench_rig::Rig;
 
-use crate::{direct::median, track::usable};
+use bench_statistics::median_high;
+
+use crate::track::usable;
 
 /// A tracker's frames against a regular clock.
 pub(crate) struct FrameClock {
@@ -93,7 +95,7 @@ fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
     // The true period, from spans long enough for jitter not to matter; few of them hold a loss.
     let span = SPAN_FRAMES.min(arrived.len() - 1);
     let like = |about_s: f64, of: Vec<f64>| {
-        median(of.into_iter().filter(|period| (period - about_s).abs() < 0.02 * about_s).collect())
+        median_high(of.into_iter().filter(|period| (period - about_s).abs() < 0.02 * about_s).collect())
             .unwrap_or(about_s)
     };
     let after = |frames: usize| arrived.iter().zip(&arrived[frames..]).map(|(first, last)| last - first);
@@ -144,7 +146,7 @@ const PERIOD_FRAMES: usize = 1000;
 /// A regular clock is known to about this, s.
 const LINE_S: f64 = 0.001;
 /// Frames that come so closely waited for one another, s.
-pub(crate) const TOGETHER_S: f64 = 0.003;
+pub const TOGETHER_S: f64 = 0.003;
 /// A number that is wrong with less than e to minus this is taken for certain: a flight has hundreds of frames, and one sighting
 /// that is a frame off misleads it for a second.
 const DOUBT_NATS: f64 = 8.0;
@@ -162,7 +164,7 @@ const TURNS_OF_WAIT: usize = 10;
 
 /// How far intervals between arrivals are off the period, the median, s.
 fn median_off_s(arrived: &[f64], period_s: f64) -> f64 {
-    median(arrived.windows(2).map(|pair| (pair[1] - pair[0] - period_s).abs()).collect()).unwrap_or(0.0)
+    median_high(arrived.windows(2).map(|pair| (pair[1] - pair[0] - period_s).abs()).collect()).unwrap_or(0.0)
 }
 
 /// Numbers of frames that wait about as long as a period, first come first served: those under the period that makes

@@ -1,64 +1,13 @@
-//! Effects that are seen in the spread of sightings alone: they change the filter's noise, not its prediction.
+//! Fits of effects that are seen in the spread of sightings alone: they change the filter's noise, not its prediction.
 
 use bench_plant::effects::LIBRARY;
-use bench_rig::{GRAVITY_M_S2, Rig};
 
-use crate::{
-    fit::{Fit, Free, Problem, effect_coordinates, every_choice},
-    law::Point,
-    pass::Noise,
-};
+use bench_filter::{Noise, Point};
 
-/// Names of the effects of this kind.
-pub const RANDOM: [&str; 5] =
-    ["tracker-noise", "tracker-jitter", "tracker-dropout", "tracker-outliers", "gusts"];
+use crate::fit::{Fit, Free, Problem, effect_coordinates, every_choice};
 
-/// What is slower than this is a drift, not a gust, s.
-const LONGEST_GUST_S: f64 = 4.0;
-/// Share of wrong places beyond which they are no exception.
-const MOST_OUTLIERS: f64 = 0.1;
-/// How much wider than the noise wrong places lie.
-const OUTLIER_SIGMAS: f64 = 4.0;
-/// Nearer than this, beside more noise, they are its tails.
+/// Nearer than this, beside more noise, wrong places are its tails.
 const TAIL_SIGMAS: f64 = 6.0;
-/// Spread of the charge drawn before a flight, minutes of hover.
-const DRAWN_BEFORE_MIN: f64 = 0.3;
-
-/// Whether an effect of the library is of this kind.
-pub fn is_random(effect: usize) -> bool {
-    RANDOM.contains(&LIBRARY[effect].name)
-}
-
-/// Noise with what a point's random effects add.
-pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
-    let mut noise = *noise;
-    for (effect, values) in point.acting() {
-        match LIBRARY[*effect].name {
-            "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
-            "tracker-dropout" => [noise.stale_probability, noise.stale_frames] = [values[0], values[1]],
-            "tracker-jitter" => noise.jitter_s = noise.jitter_s.hypot(values[0]),
-            // Wrong places are few, and far off against the noise: else it is noise.
-            "tracker-outliers" => {
-                noise.outlier_probability = (noise.outlier_probability + values[0]).min(MOST_OUTLIERS);
-                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.sighting_m).max(noise.outlier_m);
-            }
-            // How full the battery was before the flight is not known.
-            "battery-discharge" => {
-                noise.trim = noise.trim.hypot(GRAVITY_M_S2 * values[0] * DRAWN_BEFORE_MIN);
-            }
-            "gusts" => {
-                // Wind of deviation sigma acts through the drag.
-                let [sigma_m_s, correlation_s] = [values[0], values[1].min(LONGEST_GUST_S)];
-                let per_wind = rig.airframe.drag_n_s_per_m.value / rig.airframe.mass_kg.value;
-                noise.turbulence = noise.turbulence.hypot(sigma_m_s * per_wind);
-                noise.turbulence_time_s = correlation_s;
-            }
-            _ => {}
-        }
-    }
-    noise
-}
-
 /// Loss of likelihood a sighting, nats, between the best of the grid and the mode: half a step in the size of a noise.
 const GRID_LOSS: f64 = 0.06;
 /// Sweeps of the search over all coordinates, at most and at least.

@@ -1,12 +1,10 @@
 //! Noise that a few flights hardly tell, and many do. What is usual makes room for physics of another form; of many flights so
 //! much room is itself a gap, and laws are named that only make it smaller (a scale, which all noise shrinks with).
 
+use bench_filter::Noise;
 use bench_rig::Disturbance;
 
-use crate::{
-    fit::{Fit, Problem, TURBULENCE_TIMES_S},
-    pass::Noise,
-};
+use crate::fit::{Fit, Problem, TURBULENCE_TIMES_S};
 
 /// One of the noise's numbers that may be less than is usual.
 struct Part {

@@ -5,13 +5,12 @@ use bench_rig::Rig;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::{
-    direct::evenly_in_log,
-    law::{Coordinate, DRAG, OFFSET, Point},
-    pass::{Direction, LIFT_OFF_M_S, NEAR_GROUND_ACCELERATION, Noise, PROBES, Pass, fly_track, run},
-    random, settle,
-    track::Track,
+use bench_filter::{
+    Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pass, Point, Track, added, fly_track, is_random, run,
 };
+use bench_statistics::evenly_in_log;
+
+use crate::settle;
 
 /// What all fits of one diagnosis share.
 pub struct Problem<'a> {
@@ -80,7 +79,7 @@ impl Fit {
 
     /// Noise with what the point's random effects add.
     pub fn full_noise(&self, problem: &Problem<'_>) -> Noise {
-        random::added(&self.point, &self.noise, problem.rig)
+        added(&self.point, &self.noise, problem.rig)
     }
 
     /// What forms of laws, and numbers of the rig, that are out of the usual speak against the hypothesis, nats: sizes of effects are
@@ -130,11 +129,13 @@ impl Fit {
 }
 
 impl Free {
-    pub(crate) fn own(&self, value: f64) -> f64 {
+    /// A value in the coordinate's own scale: its natural logarithm, where [`Free::logarithmic`] says so.
+    pub fn own(&self, value: f64) -> f64 {
         if self.logarithmic { value.max(1e-12).ln() } else { value }
     }
 
-    pub(crate) fn value(&self, own: f64) -> f64 {
+    /// The value at a place of the coordinate's own scale, within the coordinate's range.
+    pub fn value(&self, own: f64) -> f64 {
         let value = if self.logarithmic { own.exp() } else { own };
         value.clamp(self.range.0, self.range.1)
     }
@@ -146,19 +147,19 @@ impl Free {
     }
 
     /// Derivative of the value by the own scale.
-    pub(crate) fn slope(&self, value: f64) -> f64 {
+    pub fn slope(&self, value: f64) -> f64 {
         if self.logarithmic { value } else { 1.0 }
     }
 }
 
 /// Uncertainty of the noise's logarithm before any flight: tracker, then turbulence.
-pub(crate) const SIGHTING_SIGMA_LN: f64 = 0.05;
+pub const SIGHTING_SIGMA_LN: f64 = 0.05;
 /// Calm air is ordinary, strong wind is not.
 const CALM_SIGMA_LN: f64 = 1.0;
 const WINDY_FROM_LN: f64 = 0.5;
 const WINDY_SIGMA_LN: f64 = 0.2;
 /// Memories of turbulence that are tried, s.
-pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
+pub const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
 const TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 
 /// How far the logarithm of a turbulence over the usual lies from it, in sigmas.
@@ -169,11 +170,11 @@ fn turbulence_sigmas(ln_ratio: f64) -> f64 {
         (ln_ratio - WINDY_FROM_LN).max(0.0) / WINDY_SIGMA_LN
     }
 }
-pub(crate) const MAX_PASSES: usize = 14;
+pub const MAX_PASSES: usize = 14;
 const FIRST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e4;
 /// A step that promises less, in nats, is not worth a pass.
-pub(crate) const WORTH: f64 = 0.05;
+pub const WORTH: f64 = 0.05;
 /// No coordinate moves by more prior deviations at once.
 const LONGEST_STEP: f64 = 2.0;
 
@@ -255,29 +256,12 @@ impl<'a> Problem<'a> {
     /// The problem of a rig and flights.
     pub fn new(tracks: &'a [Track], rig: &'a Rig) -> Self {
         let (nominal, sigma) = Point::nominal(rig);
-        let rounding = rig.tracker.resolution_m / 12_f64.sqrt();
-        let noise = Noise {
-            acceleration: rig.disturbance.white_m_s2_per_root_hz.unwrap_or(0.004),
-            trim_walk: rig.disturbance.trim_walk_m_s2_per_root_s.unwrap_or(0.004),
-            trim: rig.disturbance.trim_m_s2.unwrap_or(0.05),
-            turbulence: rig.disturbance.turbulence_m_s2.unwrap_or(0.022),
-            turbulence_time_s: rig.disturbance.turbulence_time_s.unwrap_or(0.7),
-            sighting_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),
-            jitter_s: rig.disturbance.timing_s.unwrap_or(0.0),
-            outlier_probability: rig.disturbance.outlier_probability.unwrap_or(0.0),
-            outlier_m: rig.disturbance.outlier_m.unwrap_or(0.0),
-            stale_probability: 0.0,
-            stale_frames: 1.0,
-            velocity_m_s: rig.disturbance.velocity_noise_m_s.unwrap_or(0.0),
-            acceleration_m_s2: rig.disturbance.acceleration_noise_m_s2.unwrap_or(0.0),
-            near_ground: NEAR_GROUND_ACCELERATION,
-            lift_off_m_s: LIFT_OFF_M_S,
-        };
+        let noise = Noise::nominal(rig);
         Self { tracks, rig, nominal, sigma, noise, top_m: top_m(tracks) }
     }
 
     /// The same problem of other flights.
-    pub(crate) fn with_tracks<'b>(&self, tracks: &'b [Track]) -> Problem<'b>
+    pub fn with_tracks<'b>(&self, tracks: &'b [Track]) -> Problem<'b>
     where
         'a: 'b,
     {
@@ -307,7 +291,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The flights with their noise levelled, where the rig says that it differs from flight to flight.
-    pub(crate) fn levelled(&self) -> Option<Vec<Track>> {
+    pub fn levelled(&self) -> Option<Vec<Track>> {
         self.rig.disturbance.noise_spread_ln?;
         let mut tracks = self.tracks.to_vec();
         for _ in 0..LEVEL_ROUNDS {
@@ -381,7 +365,7 @@ impl<'a> Problem<'a> {
     /// size at which it is like what acts late; of one that is the ratio of one way to the other, also another ratio, as what rectifies
     /// is like nothing that does not, and of one that is a share of the whole, a small share; a ceiling from many heights about where
     /// flights end, for it is narrow.
-    pub(crate) fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
+    pub fn start_values(&self, effect: usize) -> Vec<Vec<f64>> {
         let under_ceiling = has_ceiling(effect);
         let mut grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values: Vec<f64> = match (p.prior, p.neutral) {
@@ -524,14 +508,14 @@ impl<'a> Problem<'a> {
     }
 
     /// A fit that has not begun. Effects from the given slot on keep their plainest form until it is unfolded.
-    pub(crate) fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
+    pub fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
         let free = self.free(&start, plain_from);
         let here = self.look(start, noise, &free);
         Descent { free, here, damping: FIRST_DAMPING, passes: 1 }
     }
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
-        let full = random::added(&point, &noise, self.rig);
+        let full = added(&point, &noise, self.rig);
         let mut pass = run(self.tracks, self.rig, &point, &full, &directions(free, &point));
         let (hessian, gradient) = normal_equations(&point, free, &pass);
         let noise_step = self.noise_step(&noise, &pass);
@@ -546,12 +530,12 @@ impl<'a> Problem<'a> {
 
     /// Log-likelihood of all flights, but for constants.
     pub fn log_likelihood(&self, point: &Point, noise: &Noise) -> f64 {
-        -run(self.tracks, self.rig, point, &random::added(point, noise, self.rig), &[]).nll
+        -run(self.tracks, self.rig, point, &added(point, noise, self.rig), &[]).nll
     }
 
     /// Negative log-posterior at a point, but for constants.
-    pub(crate) fn objective(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
-        let full = random::added(point, noise, self.rig);
+    pub fn objective(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
+        let full = added(point, noise, self.rig);
         run(self.tracks, self.rig, point, &full, &[]).nll + self.prior(point, noise, free)
     }
 
@@ -606,7 +590,7 @@ impl<'a> Problem<'a> {
             }
         }
         for (slot, (effect, values)) in point.effects.iter().enumerate() {
-            if !random::is_random(*effect) {
+            if !is_random(*effect) {
                 let parameters = LIBRARY[*effect].parameters;
                 let shaped = slot < plain_from;
                 free.extend(
@@ -625,7 +609,7 @@ impl<'a> Problem<'a> {
 }
 
 /// Free coordinates with steps for their derivatives.
-pub(crate) fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
+pub fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
     free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect()
 }
 
@@ -633,7 +617,7 @@ pub(crate) fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
 const SLOWEST_SAG_S: f64 = 4.0;
 
 /// The coordinates of one effect.
-pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
+pub fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
     LIBRARY[effect].parameters.iter().enumerate().map(move |(parameter, p)| {
         let (logarithmic, mean, sigma) = match p.prior {
             Prior::Normal { mean, sigma } => (false, mean, sigma),
@@ -649,7 +633,7 @@ pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<It
 }
 
 /// A fit under way.
-pub(crate) struct Descent {
+pub struct Descent {
     free: Vec<Free>,
     here: Look,
     damping: f64,
@@ -658,12 +642,12 @@ pub(crate) struct Descent {
 
 impl Descent {
     /// Goes on until a step promises less than so many nats, or so many passes are made in all.
-    pub(crate) fn go(&mut self, problem: &Problem<'_>, most: usize, worth: f64) {
+    pub fn go(&mut self, problem: &Problem<'_>, most: usize, worth: f64) {
         while self.passes < most && self.step(problem, worth) {}
     }
 
     /// Frees the parameters that give effects another than their plainest form.
-    pub(crate) fn unfold(&mut self, problem: &Problem<'_>) {
+    pub fn unfold(&mut self, problem: &Problem<'_>) {
         let free = problem.free(&self.here.point, usize::MAX);
         if free.len() > self.free.len() {
             self.here = problem.look(self.here.point.clone(), self.here.noise, &free);
@@ -673,27 +657,27 @@ impl Descent {
     }
 
     /// The effects of the hypothesis.
-    pub(crate) fn effects(&self) -> Vec<usize> {
+    pub fn effects(&self) -> Vec<usize> {
         self.here.point.effect_indices()
     }
 
     /// The negative log-posterior here, but for constants.
-    pub(crate) fn objective(&self) -> f64 {
+    pub fn objective(&self) -> f64 {
         self.here.objective
     }
 
     /// Logarithm of the evidence here.
-    pub(crate) fn log_evidence(&self) -> f64 {
+    pub fn log_evidence(&self) -> f64 {
         log_evidence(self.here.objective, &self.free, &self.here.hessian)
     }
 
     /// What the next step promises, nats: none where there is none.
-    pub(crate) fn promise(&self) -> f64 {
+    pub fn promise(&self) -> f64 {
         self.next().map_or(0.0, |(_, promise)| promise)
     }
 
     /// Whether it led nowhere of late: its last step was no good, or the next does not promise so many nats.
-    pub(crate) fn stopped(&self, worth: f64) -> bool {
+    pub fn stopped(&self, worth: f64) -> bool {
         self.damping > FIRST_DAMPING || self.promise() < worth
     }
 
@@ -732,7 +716,7 @@ impl Descent {
         true
     }
 
-    pub(crate) fn into_fit(self) -> Fit {
+    pub fn into_fit(self) -> Fit {
         self.here.into_fit(self.free)
     }
 }
@@ -799,7 +783,7 @@ fn normal_equations(point: &Point, free: &[Free], pass: &Pass) -> (DMatrix<f64>,
 
 /// What the coordinates of a point, which a pass has first, leave of information and gradient of its other directions
 /// (Schur complement); `None` where they are not determined.
-pub(crate) fn project(free: &[Free], point: &Point, pass: &Pass) -> Option<(DMatrix<f64>, DVector<f64>)> {
+pub fn project(free: &[Free], point: &Point, pass: &Pass) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let fitted = free.len();
     let rest = pass.gradient.len() - fitted;
     let (own, own_gradient) = with_prior(free, point, pass);
@@ -846,11 +830,7 @@ fn damped(hessian: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
 
 /// The Newton step in which no coordinate moves by more than [`LONGEST_STEP`] of its prior's deviations: the others move to
 /// where they are best beside those that are held back, or what two of them do together would come apart.
-pub(crate) fn limited_step(
-    free: &[Free],
-    hessian: &DMatrix<f64>,
-    gradient: &DVector<f64>,
-) -> Option<DVector<f64>> {
+pub fn limited_step(free: &[Free], hessian: &DMatrix<f64>, gradient: &DVector<f64>) -> Option<DVector<f64>> {
     let (mut hessian, mut gradient) = (hessian.clone(), gradient.clone());
     let mut held = vec![false; free.len()];
     loop {
@@ -892,7 +872,7 @@ fn amplitudes(effect: usize) -> (f64, f64) {
 }
 
 /// Every choice of one value from each list, the last list's changing first.
-pub(crate) fn every_choice(lists: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
+pub fn every_choice(lists: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
     lists.fold(vec![Vec::new()], |heads, values| {
         let with = |head: &Vec<f64>, value: f64| [head.as_slice(), &[value]].concat();
         heads.iter().flat_map(|head| values.iter().map(move |value| with(head, *value))).collect()

@@ -6,60 +6,12 @@ use rayon::prelude::*;
 
 use crate::{
     law::{Coordinate, Law, Point, Reach},
-    readback::dragged,
+    noise::Noise,
+    pins::dragged,
     sight::{Scored, Sight},
     smooth::Knot,
     track::{Felt, Sighting, Track, held},
 };
-
-/// What disturbs the model, and what blurs the tracker.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
-    /// White acceleration, m/s^2 per root Hz.
-    pub acceleration: f64,
-    /// Random walk of the trim acceleration, m/s^2 per root s.
-    pub trim_walk: f64,
-    /// Prior of the trim acceleration of a flight, m/s^2.
-    pub trim: f64,
-    /// One sigma of the turbulence's acceleration, an Ornstein-Uhlenbeck process, m/s^2.
-    pub turbulence: f64,
-    /// Its correlation time, s.
-    pub turbulence_time_s: f64,
-    /// One sigma of a sighting, rounding included, m.
-    pub sighting_m: f64,
-    /// One sigma of the exposures' times beyond what is known of them, s.
-    pub jitter_s: f64,
-    /// Share of sightings that show a wrong place.
-    pub outlier_probability: f64,
-    /// One sigma of wrong places about the right one, m.
-    pub outlier_m: f64,
-    /// Share of frames that are lost, in logs that hold the newest frame: sightings are older than they seem, or those of the
-    /// iteration before.
-    pub stale_probability: f64,
-    /// How many are lost in a row, on average.
-    pub stale_frames: f64,
-    /// One sigma of the vertical speed felt on board, m/s; 0 where it is not used.
-    pub velocity_m_s: f64,
-    /// The same of the acceleration, m/s^2.
-    pub acceleration_m_s2: f64,
-    /// White acceleration besides, near the ground, whose effect has a kink: m/s^2 per root Hz.
-    pub near_ground: f64,
-    /// Spread of the vertical speed when the airframe leaves the ground, m/s.
-    pub lift_off_m_s: f64,
-}
-
-impl Noise {
-    /// The same noise, stronger by a factor: what a flight keeps is no noise.
-    pub(crate) fn times(&self, factor: f64) -> Self {
-        Self {
-            acceleration: self.acceleration * factor,
-            turbulence: self.turbulence * factor,
-            sighting_m: self.sighting_m * factor,
-            outlier_m: self.outlier_m * factor,
-            ..*self
-        }
-    }
-}
 
 /// Something whose small change the innovations feel.
 #[derive(Clone, Debug, PartialEq)]
@@ -285,6 +237,7 @@ const DZ: f64 = 1e-4;
 const DV: f64 = 1e-3;
 /// Altitude, vertical speed, trim acceleration, turbulence.
 pub type State = [f64; 4];
+/// Covariance of a [`State`], row by row.
 pub type Covariance = [[f64; 4]; 4];
 /// For so long laws are held at what was there before the flight, s: they settle on it.
 const AT_REST_S: f64 = 1e-6;
@@ -298,12 +251,8 @@ const LEAST_STEP_S: f64 = 0.003;
 const NEAR_HEIGHTS: f64 = 3.0;
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
 pub const NEAR_GROUND_M: f64 = 0.07;
-/// Process noise there, m/s^2 per root Hz.
-pub const NEAR_GROUND_ACCELERATION: f64 = 0.024;
 /// Spread of altitude when the airframe leaves the ground, m.
 pub const LIFT_OFF_M: f64 = 0.001;
-/// Spread of speed then, m/s.
-pub const LIFT_OFF_M_S: f64 = 0.04;
 
 struct Twin {
     source: Source,
@@ -1077,7 +1026,7 @@ mod tests {
     fn a_ceiling_does_not_stop_what_was_seen_above_it() {
         let rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
         let mut point = Point::nominal(&rig).0;
-        let noise = crate::Problem::new(&[], &rig).noise;
+        let noise = Noise::nominal(&rig);
         let seen = |altitudes: &[f64]| {
             let sighting = |z_m: &f64| Sighting {
                 exposed_s: 0.0,

@@ -4,15 +4,12 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
+use bench_filter::{Axis, Direction, Hat, Innovation, Pass, Seen, is_random, run};
 use bench_plant::effects::LIBRARY;
+use bench_statistics::evenly_in_log;
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
-use crate::{
-    direct::evenly_in_log,
-    fit::{Fit, Problem, directions, project},
-    pass::{Axis, Direction, Hat, Innovation, Pass, Seen, run},
-    random::is_random,
-};
+use crate::fit::{Fit, Problem, directions, project};
 
 /// A free acceleration over one quantity.
 #[derive(Clone, Debug)]

@@ -5,16 +5,12 @@
 //! 84, 1989; Harvey and Koopman, *Diagnostic checking of unobserved-components time series models*, Journal of Business
 //! and Economic Statistics 10, 1992). Wind pushes either way: only what is one-sided counts.
 
+use bench_filter::{Covariance, Knot, Noise, State, added, backward, trace_track};
 use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 use statrs::function::erf::erfc;
 
-use crate::{
-    fit::{Fit, Problem},
-    pass::{Covariance, Noise, State, trace_track},
-    random,
-    smooth::{Knot, backward},
-};
+use crate::fit::{Fit, Problem};
 
 /// At most one push is looked for in each span of such a length, s.
 const SPAN_S: f64 = 1.0;
@@ -40,7 +36,7 @@ pub fn pulses(problem: &Problem<'_>, fit: &Fit) -> f64 {
 
 /// The same in noise other than the fit's.
 fn pulses_in(problem: &Problem<'_>, fit: &Fit, noise: &Noise) -> f64 {
-    let noise = random::added(&fit.point, noise, problem.rig);
+    let noise = added(&fit.point, noise, problem.rig);
     let flights: Vec<Vec<Place>> = problem
         .tracks
         .par_iter()

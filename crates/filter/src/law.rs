@@ -10,7 +10,7 @@ use bench_plant::{
 use bench_rig::{GRAVITY_M_S2, Rig};
 use nalgebra::Vector3;
 
-use crate::random::is_random;
+use crate::noise::is_random;
 
 /// The nominal model's uncertain numbers, in this order.
 pub const NUISANCES: [&str; 8] = [

@@ -1,31 +1,6 @@
-//! The disturbance that the nominal law leaves, smoothed: to look at, not to regress on, for it is autocorrelated and
-//! drawn towards zero.
+//! The smoother: what was known at each sighting, given the whole flight.
 
-use serde::Serialize;
-
-use crate::{
-    fit::{Fit, Problem},
-    pass::{Covariance, State, trace_track},
-};
-
-/// One flight as seen and as smoothed.
-#[derive(Clone, Debug, Serialize)]
-pub struct Trace {
-    /// Its name.
-    pub name: String,
-    /// From take-off on, s.
-    pub time_s: Vec<f64>,
-    /// As seen, m.
-    pub seen_m: Vec<f64>,
-    /// As smoothed, m.
-    pub smoothed_m: Vec<f64>,
-    /// Acceleration that the re-fitted rig does not explain, m/s^2.
-    pub disturbance_m_s2: Vec<f64>,
-    /// One sigma of it, m/s^2.
-    pub sigma_m_s2: Vec<f64>,
-    /// Thrust commanded over weight.
-    pub thrust_to_weight: Vec<f64>,
-}
+use crate::pass::{Covariance, State};
 
 /// What the filter knew at a sighting: before it (predicted), after it, and how the state moved from the one before.
 #[derive(Clone, Copy, Debug)]
@@ -53,43 +28,8 @@ impl Knot {
     }
 }
 
-/// At most so many points a trace.
-const POINTS: usize = 400;
-
-/// Smooths every flight on top of a fit (Rauch, Tung and Striebel, Maximum likelihood estimates of linear dynamic
-/// systems, AIAA Journal 3(8), 1965).
-pub fn traces(problem: &Problem<'_>, fit: &Fit) -> Vec<Trace> {
-    let noise = fit.full_noise(problem);
-    problem
-        .tracks
-        .iter()
-        .map(|track| {
-            let knots = trace_track(track, problem.rig, &fit.point, &noise);
-            let smoothed = backward(&knots);
-            let every = knots.len().div_ceil(POINTS).max(1);
-            let mut trace = Trace {
-                name: track.name.clone(),
-                time_s: Vec::new(),
-                seen_m: Vec::new(),
-                smoothed_m: Vec::new(),
-                disturbance_m_s2: Vec::new(),
-                sigma_m_s2: Vec::new(),
-                thrust_to_weight: Vec::new(),
-            };
-            for (knot, (x, p)) in knots.iter().zip(&smoothed).step_by(every) {
-                trace.time_s.push(knot.time_s);
-                trace.seen_m.push(knot.seen_m);
-                trace.smoothed_m.push(x[0]);
-                trace.disturbance_m_s2.push(x[2] + x[3]);
-                trace.sigma_m_s2.push((p[2][2] + p[3][3] + 2.0 * p[2][3]).max(0.0).sqrt());
-                trace.thrust_to_weight.push(knot.ratio);
-            }
-            trace
-        })
-        .collect()
-}
-
-/// State and covariance at each knot, given the whole flight.
+/// State and covariance at each knot, given the whole flight (Rauch, Tung and Striebel, Maximum likelihood estimates of
+/// linear dynamic systems, AIAA Journal 3(8), 1965).
 pub fn backward(knots: &[Knot]) -> Vec<(State, Covariance)> {
     use nalgebra::{Matrix4, Vector4};
     let matrix = |m: &Covariance| Matrix4::from_fn(|i, j| m[i][j]);

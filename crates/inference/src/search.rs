@@ -1,5 +1,6 @@
 //! Which hypotheses are fitted: none, every effect, and pairs built forward on the best.
 
+use bench_filter::{Point, Track, is_random};
 use bench_plant::effects::{LIBRARY, index_of};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -7,10 +8,8 @@ use rayon::prelude::*;
 
 use crate::{
     fit::{Descent, Fit, MAX_PASSES, Problem, Promise, WORTH},
-    law::Point,
-    random::{self, is_random},
+    random,
     settle::settle,
-    track::Track,
 };
 
 /// Effects whose law acts on altitude or on the tracker's view of it. The others show directly in readbacks, ticks and

@@ -1,16 +1,14 @@
 //! A flight as the filter sees it: what the pins held, and what the tracker saw when.
 
-use bench_device::{PositionSample, Sticks, Time, TrackStatus};
-use bench_plant::effects::Effects;
+use bench_device::{PositionSample, Time, TrackStatus};
 use bench_recording::Flight;
-use bench_rig::{Bench, Rig};
+use bench_rig::Rig;
+use bench_statistics::{MEDIAN_OF_NORMAL, median_high};
 use thiserror::Error;
 
 use crate::{
-    direct::{MEDIAN_OF_NORMAL, median},
     frame_clock::FrameClock,
-    law::known,
-    readback::readback_sigma,
+    pins::{Pin, inputs, pins, unanswered},
 };
 
 /// The sticks' throttle from an instant on.
@@ -53,9 +51,7 @@ pub struct Track {
     pub end_s: f64,
     /// One sigma of the exposures' times, s.
     pub timing_s: f64,
-    /// Natural logarithm of how much stronger this flight's noise is than the others': [`Problem::level`].
-    ///
-    /// [`Problem::level`]: crate::Problem::level
+    /// Natural logarithm of how much stronger this flight's noise is than the others'.
     pub ln_noise: f64,
     /// Throttle as asked for and as read back, an iteration each; empty without readback.
     pub pins: Vec<Pin>,
@@ -90,21 +86,6 @@ pub struct Felt {
     pub velocity_m_s: Option<f64>,
     /// Acceleration, zero at rest, m/s^2.
     pub acceleration_m_s2: Option<f64>,
-}
-
-/// One iteration's throttle, in units of the actuation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pin {
-    /// When it moved, s.
-    pub time_s: f64,
-    /// How long after the command that was, as far as a real output tells, s.
-    pub delay_s: f64,
-    /// As the controller asked.
-    pub asked: f64,
-    /// As the rig's output rounds it.
-    pub commanded: f64,
-    /// As read back.
-    pub readback: f64,
 }
 
 /// Why a flight cannot be diagnosed.
@@ -273,13 +254,13 @@ impl Track {
     }
 
     /// The highest altitude that was seen twice in a row, m: one sighting may be of anything.
-    pub(crate) fn highest_m(&self) -> f64 {
+    pub fn highest_m(&self) -> f64 {
         let twice = self.sightings.windows(2).map(|pair| pair[0].z_m.min(pair[1].z_m));
         twice.fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// Changes each input that a pin was read for.
-    pub(crate) fn at_pins(&mut self, change: impl Fn(&mut Input, &Pin)) {
+    pub fn at_pins(&mut self, change: impl Fn(&mut Input, &Pin)) {
         let mut pins = self.pins.iter().peekable();
         for input in &mut self.inputs {
             while pins.next_if(|pin| pin.time_s < input.time_s).is_some() {}
@@ -290,7 +271,7 @@ impl Track {
     }
 
     /// Pins that held what they were told when they were told it, whatever was read of them.
-    pub(crate) fn as_commanded(&mut self) {
+    pub fn as_commanded(&mut self) {
         self.at_pins(|input, pin| {
             input.throttle = pin.commanded;
             input.time_s -= pin.delay_s;
@@ -298,7 +279,7 @@ impl Track {
     }
 
     /// Thrust may begin earlier than it did before the inputs were changed.
-    pub(crate) fn begin_with_thrust(&mut self, rig: &Rig) {
+    pub fn begin_with_thrust(&mut self, rig: &Rig) {
         let offset = rig.airframe.thrust.offset.value;
         if let Some(first) = self.inputs.iter().find(|input| input.throttle > offset) {
             self.begin_s = self.begin_s.min(first.time_s);
@@ -316,104 +297,6 @@ impl Track {
 
 pub(crate) fn usable(position: &PositionSample) -> bool {
     position.status != TrackStatus::Lost && position.position_m[2].is_finite()
-}
-
-/// What the rig's own actuator effects make of commands on their way to the pins.
-struct Drive(Effects);
-
-impl Drive {
-    fn new(rig: &Rig) -> Self {
-        let mut effects = Effects::default();
-        for (effect, values) in known(rig).iter() {
-            effects.add(*effect, values, &rig.airframe, 0);
-        }
-        Self(effects)
-    }
-
-    fn throttle(&mut self, sticks: &Sticks) -> f64 {
-        let mut sticks = *sticks;
-        for effect in &mut self.0.actuator {
-            effect.drive(&mut sticks);
-        }
-        sticks.throttle
-    }
-}
-
-/// Commands with the readback that follows each.
-fn pins(flight: &Flight, rig: &Rig) -> Vec<Pin> {
-    let mut drive = Drive::new(rig);
-    let mut readbacks = flight.readbacks.iter().peekable();
-    let mut pins = Vec::with_capacity(flight.commands.len());
-    for (i, command) in flight.commands.iter().enumerate() {
-        let until = flight.commands.get(i + 1).map_or(Time::from_nanos(u64::MAX), |next| next.time);
-        while readbacks.next_if(|readback| readback.time < command.time).is_some() {}
-        let Some(found) = readbacks.next_if(|readback| readback.time < until) else { continue };
-        let (asked, readback) = (drive.throttle(&command.sticks), found.readback.sticks.throttle);
-        if asked.is_finite() && readback.is_finite() {
-            // A command between two steps may have gone either way: recordings round it.
-            let near = |value: f64| rig.output.expected_on_the_pin(&rig.airframe.sticks, value);
-            let slack = TIE * (rig.airframe.sticks.max - rig.airframe.sticks.min);
-            let commanded = [near(asked), near(asked - slack), near(asked + slack)]
-                .into_iter()
-                .min_by(|a, b| (a - readback).abs().total_cmp(&(b - readback).abs()))
-                .unwrap_or(asked);
-            let round_trip_s = found.time.since_s(command.time);
-            let delay_s = match rig.bench {
-                Bench::Virtual => 0.0,
-                // The virtual airframe flies from what was read back, once it was.
-                Bench::Loopback => round_trip_s,
-                Bench::Transmitter => 0.5 * round_trip_s,
-            };
-            pins.push(Pin { time_s: command.time.seconds() + delay_s, delay_s, asked, commanded, readback });
-        }
-    }
-    pins
-}
-
-/// Commands so close to the middle between two steps of the output may be rounded either way, as a fraction of the range.
-const TIE: f64 = 5e-5;
-
-/// Beyond so many sigma of its noise a readback is believed over the command.
-const BELIEVED_SIGMAS: f64 = 4.0;
-
-/// What the pins held: the rounded command, or the readback where it plainly says otherwise.
-fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
-    let sigma = readback_sigma(pins, rig);
-    let read_back = !pins.is_empty();
-    let mut pins = pins.iter().peekable();
-    let mut drive = Drive::new(rig);
-    let mut before = rig.airframe.sticks.min;
-    flight
-        .commands
-        .iter()
-        .filter(|command| command.sticks.throttle.is_finite())
-        .map(|command| {
-            let time_s = command.time.seconds();
-            let commanded =
-                rig.output.expected_on_the_pin(&rig.airframe.sticks, drive.throttle(&command.sticks));
-            let input = match pins.next_if(|pin| pin.time_s - pin.delay_s <= time_s) {
-                Some(pin) => {
-                    let plainly_off = (pin.readback - pin.commanded).abs() > BELIEVED_SIGMAS * sigma;
-                    let throttle = if plainly_off { pin.readback } else { pin.commanded };
-                    Input { time_s: pin.time_s, throttle }
-                }
-                // Without an answer the virtual airframe flies on from the one before.
-                None if read_back && rig.bench == Bench::Loopback => Input { time_s, throttle: before },
-                None => Input { time_s, throttle: commanded },
-            };
-            before = input.throttle;
-            input
-        })
-        .collect()
-}
-
-/// Commands that a real output did not answer.
-fn unanswered(flight: &Flight, rig: &Rig, pins: &[Pin]) -> usize {
-    if rig.bench == Bench::Virtual || pins.is_empty() {
-        0
-    } else {
-        flight.commands.len().saturating_sub(pins.len())
-    }
 }
 
 /// How late iterations started; against the usual interval where no schedule was kept.
@@ -479,7 +362,7 @@ fn felt(flight: &Flight, begin_s: f64, end_s: f64, period_s: f64) -> Vec<Felt> {
         .collect();
     let flying = all.partition_point(|felt| felt.time_s < begin_s);
     let at_rest: Vec<f64> = all.drain(..flying).filter_map(|felt| felt.acceleration_m_s2).collect();
-    let zero = if at_rest.len() < LEAST_AT_REST { 0.0 } else { median(at_rest).unwrap_or(0.0) };
+    let zero = if at_rest.len() < LEAST_AT_REST { 0.0 } else { median_high(at_rest).unwrap_or(0.0) };
     thin(&mut all, period_s, |felt| felt.time_s);
     for felt in &mut all {
         felt.acceleration_m_s2 = felt.acceleration_m_s2.map(|x| x - zero);
@@ -489,7 +372,7 @@ fn felt(flight: &Flight, begin_s: f64, end_s: f64, period_s: f64) -> Vec<Felt> {
 
 /// How late each command's iteration started, against the median.
 fn late_inputs_s(flight: &Flight) -> Vec<f64> {
-    let usual_s = median(lateness_s(flight)).unwrap_or(0.0);
+    let usual_s = median_high(lateness_s(flight)).unwrap_or(0.0);
     flight
         .commands
         .iter()
@@ -525,7 +408,7 @@ const RATE_ROWS: usize = 20;
 fn denser_than_frames(flight: &Flight, rig: &Rig) -> Option<f64> {
     let rows = RATE_ROWS.min(flight.positions.len().saturating_sub(1));
     let spans = flight.positions.iter().zip(flight.positions.get(rows..)?);
-    median(spans.map(|(first, last)| last.exposed_at.since_s(first.exposed_at) / rows as f64).collect())
+    median_high(spans.map(|(first, last)| last.exposed_at.since_s(first.exposed_at) / rows as f64).collect())
         .filter(|median| *median < DENSE * rig.tracker.frame_period_s)
 }
 

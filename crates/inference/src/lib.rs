@@ -1,0 +1,20 @@
+//! What flights say of hypotheses: their numbers by the posterior's mode, their evidence by Laplace's method, and what they leave.
+//!
+//! ```text
+//! Problem (tracks, rig, tolerances, noise) -> Search: Fit of `none`, of every effect, of pairs
+//!                                          -> Regions, Waves, pulses: what a fit leaves unexplained
+//! ```
+
+mod consistency;
+mod fit;
+mod pulse;
+mod random;
+mod region;
+mod search;
+mod settle;
+
+pub use consistency::Consistency;
+pub use fit::{Fit, Free, Problem, directions, limited_step, project};
+pub use pulse::pulses;
+pub use region::{Region, Regions, Waves, own_axes, regions, waves};
+pub use search::{MANY_FLIGHTS, Search, fitted_effects};
