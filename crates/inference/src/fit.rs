@@ -828,7 +828,7 @@ fn damped(hessian: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
     damped
 }
 
-/// The Newton step in which no coordinate moves by more than [`LONGEST_STEP`] of its prior's deviations: the others move to
+/// The Newton step in which no coordinate moves by more than a few of its prior's deviations: the others move to
 /// where they are best beside those that are held back, or what two of them do together would come apart.
 pub fn limited_step(free: &[Free], hessian: &DMatrix<f64>, gradient: &DVector<f64>) -> Option<DVector<f64>> {
     let (mut hessian, mut gradient) = (hessian.clone(), gradient.clone());
