@@ -6,7 +6,7 @@
 //! combination of estimates from different experiments, Biometrics 10, 1954) holds the spread of these against that variance and
 //! what may differ in one condition.
 
-use bench_filter::{BIAS, Coordinate, Point, fly_track};
+use bench_filter::{BIAS, Coordinate, Point};
 use bench_inference::{Fit, Free, Problem};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -163,7 +163,7 @@ fn profile(problem: &Problem<'_>, fit: &Fit, f: &Free, flight: usize) -> Option<
     let nll = |k: i32| {
         let mut point = fit.point.clone();
         *point.get_mut(f.at) = f.value(f.own(value) + f64::from(k) * h);
-        fly_track(&problem.tracks[flight], problem.rig, &point, &noise, &[]).nll
+        bench_filter::nll(&problem.tracks[flight], problem.rig, &point, &noise)
     };
     let tried: Vec<f64> = (-STEPS..=STEPS).map(nll).collect();
     let best = (0..tried.len()).min_by(|a, b| tried[*a].total_cmp(&tried[*b]))?;

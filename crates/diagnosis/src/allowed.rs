@@ -1,6 +1,6 @@
 //! How far off a rig predicts, held against what its tolerances and noise allow: beyond that by far, it is not this airframe's.
 
-use bench_filter::{Coordinate, HORIZONS_S, Point, fly_track};
+use bench_filter::{Coordinate, HORIZONS_S, Point, predict};
 use bench_inference::{Fit, Problem};
 use bench_plant::effects::LIBRARY;
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ pub fn ahead(problem: &Problem<'_>, best: &Fit) -> Option<Ahead> {
         let flown: Vec<(f64, u32)> = problem
             .tracks
             .par_iter()
-            .map(|track| fly_track(track, problem.rig, point, &noise, &[]).predictions[HORIZON])
+            .map(|track| predict(track, problem.rig, point, &noise).k_step[HORIZON])
             .collect();
         let count: u32 = flown.iter().map(|(_, n)| n).sum();
         (flown.iter().map(|(sum, _)| sum).sum::<f64>() / f64::from(count), count)

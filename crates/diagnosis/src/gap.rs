@@ -1,6 +1,6 @@
 //! How large the gap is, and how far it shrinks: on flights left out of the fit, with intervals over flights.
 
-use bench_filter::{Noise, Point, Track, TrackPass, fly_track, is_random};
+use bench_filter::{Noise, Point, Prediction, Track, is_random, predict};
 use bench_inference::{Consistency, Fit, Problem};
 use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
@@ -96,11 +96,11 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         stale_frames: null.noise.stale_frames,
         ..if best.random.is_empty() { with_effect } else { null.noise }
     };
-    let flown: Vec<[TrackPass; 3]> = (0..problem.tracks.len())
+    let flown: Vec<[Prediction; 3]> = (0..problem.tracks.len())
         .into_par_iter()
         .map(|i| {
             let track = &problem.tracks[i];
-            let fly = |point: &Point, noise: &Noise| fly_track(track, problem.rig, point, noise, &[]);
+            let fly = |point: &Point, noise: &Noise| predict(track, problem.rig, point, noise);
             let point = |fit: &Fit| if held_out { without_track(fit, i) } else { fit.point.clone() };
             [fly(&problem.nominal, &without), fly(&point(null), &without), fly(&point(best), &with_effect)]
         })
@@ -163,18 +163,18 @@ fn figure(sums: &[Sums], of: impl Fn(&[&Sums]) -> f64) -> Figure {
     }
 }
 
-fn sums(passes: &[TrackPass; 3]) -> Sums {
+fn sums(passes: &[Prediction; 3]) -> Sums {
     let right = &passes[2].innovations;
     Sums {
         sightings: right.len() as f64,
         // Of sightings alone: what was felt on board is another unit.
         nll: [0, 1, 2].map(|k| passes[k].innovations.iter().map(|i| i.nll).sum()),
         floor: right.iter().map(|i| 0.5 + 0.5 * i.variance_m2.ln()).sum(),
-        predictions: [0, 1, 2].map(|k| passes[k].predictions.map(|(sum, n)| (sum, f64::from(n)))),
+        predictions: [0, 1, 2].map(|k| passes[k].k_step.map(|(sum, n)| (sum, f64::from(n)))),
     }
 }
 
-fn flight_gap(track: &Track, passes: &[TrackPass; 3], sums: &Sums) -> FlightGap {
+fn flight_gap(track: &Track, passes: &[Prediction; 3], sums: &Sums) -> FlightGap {
     let n = sums.sightings.max(1.0);
     FlightGap {
         name: track.name.clone(),

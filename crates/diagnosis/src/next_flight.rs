@@ -1,6 +1,8 @@
 //! The mission that best tells two hypotheses apart: T-optimal, the rival re-fitted (docs/diagnosis.md).
 
-use bench_filter::{BIAS, LATENCY, Noise, Pass, Point, Scored, Track, added, is_random, run};
+use bench_filter::{
+    BIAS, LATENCY, Noise, Pass, Point, Prediction, Scored, Track, added, is_random, predict, run,
+};
 use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_step};
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -470,8 +472,11 @@ fn expect(
             share *= 0.3;
         }
     }
-    let variances_m2: Vec<f64> = here.pass.innovations().map(|innovation| innovation.variance_m2).collect();
-    let nll = here.pass.innovations().zip(truth.unwrap_or(&variances_m2)).map(|(innovation, true_m2)| {
+    let predicted: Vec<Prediction> =
+        tracks.iter().map(|track| predict(track, problem.rig, &here.point, noise)).collect();
+    let innovations = || predicted.iter().flat_map(|track| &track.innovations);
+    let variances_m2: Vec<f64> = innovations().map(|innovation| innovation.variance_m2).collect();
+    let nll = innovations().zip(truth.unwrap_or(&variances_m2)).map(|(innovation, true_m2)| {
         Scored::bounded(innovation.residual_m.hypot(true_m2.sqrt()), innovation.variance_m2).nll
     });
     let nll = nll.sum::<f64>() + here.cost;

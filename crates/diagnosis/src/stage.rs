@@ -4,7 +4,7 @@
 //! A stage's share is its mean gain over all orders in which stages may be replaced (Shapley, A Value for n-Person Games,
 //! 1953), so that shares add up whatever explains the same.
 
-use bench_filter::{Input, Point, Track, fly_track, held};
+use bench_filter::{Input, Point, Track, held, nll};
 use bench_inference::{Fit, Problem};
 use bench_plant::effects::LIBRARY;
 use rand::{RngExt, SeedableRng};
@@ -138,7 +138,7 @@ fn value(problem: &Problem<'_>, null: &Fit, best: &Fit, players: &[Player], set:
             if let Some(measured) = has(Player::Rotor).then(|| with_rotor(&track, problem)).flatten() {
                 track = measured;
             }
-            -fly_track(&track, problem.rig, &point, &noise, &[]).nll
+            -nll(&track, problem.rig, &point, &noise)
         })
         .collect()
 }

@@ -1,7 +1,7 @@
 //! The disturbance that the nominal law leaves, smoothed: to look at, not to regress on, for it is autocorrelated and
 //! drawn towards zero.
 
-use bench_filter::{backward, trace_track};
+use bench_filter::{backward, knots};
 use bench_inference::{Fit, Problem};
 use serde::Serialize;
 
@@ -34,7 +34,7 @@ pub fn traces(problem: &Problem<'_>, fit: &Fit) -> Vec<Trace> {
         .tracks
         .iter()
         .map(|track| {
-            let knots = trace_track(track, problem.rig, &fit.point, &noise);
+            let knots = knots(track, problem.rig, &fit.point, &noise);
             let smoothed = backward(&knots);
             let every = knots.len().div_ceil(POINTS).max(1);
             let mut trace = Trace {

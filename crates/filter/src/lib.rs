@@ -2,30 +2,41 @@
 //!
 //! ```text
 //! recording, rig -> Track: inputs held, measurements with the times of their exposures
-//! Track, Point (numbers and effects), Noise -> Law, as it is stepped -> filter -> Pass: innovations, likelihood, sensitivities
-//!                                                                              -> Knot at each measurement -> smoother
+//! Track, Point (numbers and effects), Noise -> Law, as it is stepped -> filter -> propagated | updated | reset
+//! passengers on that stream: sensitivities, other noise, k-step predictors, innovations, knots of the smoother
 //! ```
 //!
 //! It predicts each measurement of altitude through the same laws that the simulator flies. The equations are in
 //! `docs/diagnosis.md`.
 
+mod covariance;
+mod direction;
+mod filter;
 mod frame_clock;
+mod innovation;
+mod k_step;
 mod law;
+mod measurement;
 mod noise;
 mod pass;
+mod passenger;
+mod perturbed;
 mod pins;
-mod sight;
+mod probe;
 mod smooth;
 mod track;
 
+pub use covariance::{Covariance, LIFT_OFF_M, State};
+pub use direction::{AXES, Axis, Direction, Hat, Seen};
+pub use filter::NEAR_GROUND_M;
 pub use frame_clock::TOGETHER_S;
+pub use innovation::Innovation;
+pub use k_step::HORIZONS_S;
 pub use law::{BIAS, Coordinate, DRAG, GAIN, LATENCY, Law, OFFSET, Point, Reach, View, known};
+pub use measurement::Scored;
 pub use noise::{Noise, added, is_random};
-pub use pass::{
-    AXES, Axis, Covariance, Direction, HORIZONS_S, Hat, Innovation, LIFT_OFF_M, NEAR_GROUND_M, PROBES, Pass,
-    Seen, State, TrackPass, fly_track, run, trace_track,
-};
+pub use pass::{Pass, Prediction, TrackPass, knots, nll, nll_of_all, predict, run};
 pub use pins::{Pin, dragged, readback_sigma};
-pub use sight::Scored;
+pub use probe::PROBES;
 pub use smooth::{Knot, backward};
 pub use track::{Felt, Input, Sighting, Track, TrackError, held};

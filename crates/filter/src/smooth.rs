@@ -1,6 +1,10 @@
 //! The smoother: what was known at each sighting, given the whole flight.
 
-use crate::pass::{Covariance, State};
+use crate::{
+    covariance::{Covariance, IDENTITY, State},
+    direction::Axis,
+    passenger::{Measured, Passenger, Propagated, Reset, Updated},
+};
 
 /// What the filter knew at a sighting: before it (predicted), after it, and how the state moved from the one before.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +29,63 @@ impl Knot {
     /// Whether the airframe touched ground or ceiling since the sighting before, or was carried: nothing is left of its speed then.
     pub fn is_cut(&self) -> bool {
         self.transition.iter().all(|row| row[1] == 0.0)
+    }
+}
+
+/// Gathers what the smoother needs.
+pub(crate) struct Knots {
+    knots: Vec<Knot>,
+    /// Transition since the last.
+    since: Covariance,
+}
+
+impl Default for Knots {
+    fn default() -> Self {
+        Self { knots: Vec::new(), since: IDENTITY }
+    }
+}
+
+impl Knots {
+    pub(crate) fn into_knots(self) -> Vec<Knot> {
+        self.knots
+    }
+}
+
+impl Passenger for Knots {
+    fn propagated(&mut self, step: &Propagated<'_>) {
+        let Some(flown) = &step.flown else { return };
+        let since = &mut self.since;
+        for j in 0..4 {
+            let moved = flown.transition.apply([since[0][j], since[1][j], since[2][j], since[3][j]]);
+            for (row, value) in since.iter_mut().zip(moved) {
+                row[j] = value;
+            }
+        }
+    }
+
+    fn updated(&mut self, update: &Updated<'_>) {
+        let Measured::Altitude { sighting, below_ceiling_m, .. } = &update.measured else { return };
+        self.knots.push(Knot {
+            time_s: update.axes[Axis::Time as usize],
+            seen_m: sighting.z_m,
+            ratio: update.axes[Axis::ThrustToWeight as usize],
+            below_ceiling_m: *below_ceiling_m,
+            predicted: (*update.before.0, *update.before.1),
+            filtered: (*update.after.0, *update.after.1),
+            transition: std::mem::replace(&mut self.since, IDENTITY),
+        });
+    }
+
+    fn reset(&mut self, reset: &Reset<'_>) {
+        match reset {
+            Reset::Standing | Reset::LiftOff(_) => {}
+            Reset::Stopped { .. } => {
+                self.since[0] = [0.0; 4];
+                self.since[1] = [0.0; 4];
+            }
+            // Nothing that comes later tells of what was before.
+            Reset::Carried { .. } => self.since = [[0.0; 4]; 4],
+        }
     }
 }
 

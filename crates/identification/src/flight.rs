@@ -275,7 +275,8 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
         })
         .collect();
     let (mut nis, mut count) = (0.0, 0_usize);
-    for innovation in fit.pass.innovations() {
+    let predicted = problem.predict(&fit.point, noise);
+    for innovation in predicted.iter().flat_map(|track| &track.innovations) {
         nis += innovation.residual_m.powi(2) / innovation.variance_m2;
         count += 1;
     }

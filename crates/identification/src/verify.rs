@@ -166,10 +166,10 @@ const LEAST_SIGHTINGS: usize = 20;
 pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<Verification, IdentifyError> {
     let tracks: Vec<Track> = flights.iter().map(|flight| flight.track.clone()).collect();
     let problem = Problem::new(&tracks, rig);
-    let pass = problem.predict(&problem.nominal, &problem.noise);
+    let predictions = problem.predict(&problem.nominal, &problem.noise);
     let mut verified = Vec::new();
     let mut variances = [0.0; 9];
-    for (flight, pass) in flights.iter().zip(&pass.tracks) {
+    for (flight, predicted) in flights.iter().zip(&predictions) {
         let refused =
             |reason: String| IdentifyError::NotVerifiable { flight: flight.track.name.clone(), reason };
         let highest = flight.track.sightings.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
@@ -203,9 +203,9 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
         }
         verified.push(FlightVerified {
             name: flight.track.name.clone(),
-            k_step_m: pass.predictions.map(|(sum, n)| (n > 0).then(|| (sum / f64::from(n)).sqrt())),
-            k_step_count: pass.predictions.map(|(_, n)| n),
-            consistency: Consistency::of(&pass.innovations),
+            k_step_m: predicted.k_step.map(|(sum, n)| (n > 0).then(|| (sum / f64::from(n)).sqrt())),
+            k_step_count: predicted.k_step.map(|(_, n)| n),
+            consistency: Consistency::of(&predicted.innovations),
             trajectory_rms_m: (squares / n).sqrt(),
             inside: inside as f64 / n,
             band_m: trajectory.band_95_m.iter().map(|[low, high]| high - low).sum::<f64>() / n,

@@ -75,6 +75,8 @@ fn planted_numbers_are_found_and_the_rest_is_left() {
     let found = identify_flights(&tracks(&fly(&real, 0..6, &MISSIONS), &prior), &prior).unwrap();
     near(&found, "thrust_hover", real.airframe.throttle_for(real.airframe.weight_n()));
     near(&found, "drag_n_s_per_m", 0.018);
+    // Some thousand innovations, each of chi-squared's spread of root 2: 0.05 for their mean, and noise that was found from them.
+    assert!((found.mean_nis - 1.0).abs() < 0.15, "{}", found.mean_nis);
     // What is written reads back, as the same rig.
     let again = Rig::read(Path::new("identified.toml"), &found.rig.to_toml()).unwrap();
     assert_eq!(again, found.rig);

@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use bench_filter::{
-    Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pass, Point, Track, added, fly_track, is_random, run,
+    Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pass, Point, Prediction, Track, added, is_random,
+    nll, nll_of_all, predict, run,
 };
 use bench_statistics::evenly_in_log;
 
@@ -49,11 +50,8 @@ pub struct Fit {
     pub objective: f64,
     /// Natural logarithm of the evidence, but for a constant that all hypotheses share.
     pub log_evidence: f64,
-    /// The last pass, at the mode, with the derivatives by the free coordinates; its innovations are not kept, for there
-    /// are many fits and flights.
+    /// The last pass, at the mode, with the derivatives by the free coordinates.
     pub pass: Pass,
-    /// How many sightings were held against predictions.
-    pub sightings: usize,
 }
 
 /// A coordinate that is fitted, with its prior in its own scale.
@@ -260,6 +258,15 @@ impl<'a> Problem<'a> {
         Self { tracks, rig, nominal, sigma, noise, top_m: top_m(tracks) }
     }
 
+    /// How many sightings are held against predictions.
+    pub fn counted(&self) -> usize {
+        self.tracks
+            .iter()
+            .flat_map(|track| &track.sightings)
+            .filter(|sighting| sighting.counts && !sighting.carried)
+            .count()
+    }
+
     /// The same problem of other flights.
     pub fn with_tracks<'b>(&self, tracks: &'b [Track]) -> Problem<'b>
     where
@@ -278,8 +285,7 @@ impl<'a> Problem<'a> {
             .map(|track| {
                 let objective = |ln: f64| {
                     let track_noise = noise.times((ln - track.ln_noise).exp());
-                    fly_track(track, self.rig, &fit.point, &track_noise, &[]).nll
-                        + 0.5 * (ln / spread).powi(2)
+                    nll(track, self.rig, &fit.point, &track_noise) + 0.5 * (ln / spread).powi(2)
                 };
                 let steps = (-LEVEL_STEPS..=LEVEL_STEPS).map(|k| LEVEL_STEP * f64::from(k));
                 steps
@@ -495,9 +501,9 @@ impl<'a> Problem<'a> {
         best
     }
 
-    /// The flights as a point predicts them, nothing fitted.
-    pub fn predict(&self, point: &Point, noise: &Noise) -> Pass {
-        run(self.tracks, self.rig, point, noise, &[])
+    /// The flights as a point predicts them, nothing fitted, in their order.
+    pub fn predict(&self, point: &Point, noise: &Noise) -> Vec<Prediction> {
+        self.tracks.par_iter().map(|track| predict(track, self.rig, point, noise)).collect()
     }
 
     /// Levenberg-Marquardt on the posterior, noise included, from a start.
@@ -516,27 +522,22 @@ impl<'a> Problem<'a> {
 
     fn look(&self, point: Point, noise: Noise, free: &[Free]) -> Look {
         let full = added(&point, &noise, self.rig);
-        let mut pass = run(self.tracks, self.rig, &point, &full, &directions(free, &point));
+        let pass = run(self.tracks, self.rig, &point, &full, &directions(free, &point));
         let (hessian, gradient) = normal_equations(&point, free, &pass);
         let noise_step = self.noise_step(&noise, &pass);
         let objective = pass.nll + self.prior(&point, &noise, free);
-        let sightings = pass.innovations().count();
-        // Many fits are under way at once, of many flights.
-        for track in &mut pass.tracks {
-            track.innovations = Vec::new();
-        }
-        Look { point, noise, pass, sightings, hessian, gradient, noise_step, objective }
+        Look { point, noise, pass, hessian, gradient, noise_step, objective }
     }
 
     /// Log-likelihood of all flights, but for constants.
     pub fn log_likelihood(&self, point: &Point, noise: &Noise) -> f64 {
-        -run(self.tracks, self.rig, point, &added(point, noise, self.rig), &[]).nll
+        -nll_of_all(self.tracks, self.rig, point, &added(point, noise, self.rig))
     }
 
     /// Negative log-posterior at a point, but for constants.
     pub fn objective(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
         let full = added(point, noise, self.rig);
-        run(self.tracks, self.rig, point, &full, &[]).nll + self.prior(point, noise, free)
+        nll_of_all(self.tracks, self.rig, point, &full) + self.prior(point, noise, free)
     }
 
     fn prior(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
@@ -737,9 +738,7 @@ fn within_ranges(free: &[Free], here: &Look) -> (DMatrix<f64>, DVector<f64>) {
 struct Look {
     point: Point,
     noise: Noise,
-    /// Without its innovations.
     pass: Pass,
-    sightings: usize,
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
     noise_step: (f64, f64, f64),
@@ -761,7 +760,6 @@ impl Look {
             covariance,
             objective: self.objective,
             log_evidence,
-            sightings: self.sightings,
             pass: self.pass,
         }
     }

@@ -5,7 +5,7 @@
 //! 84, 1989; Harvey and Koopman, *Diagnostic checking of unobserved-components time series models*, Journal of Business
 //! and Economic Statistics 10, 1992). Wind pushes either way: only what is one-sided counts.
 
-use bench_filter::{Covariance, Knot, Noise, State, added, backward, trace_track};
+use bench_filter::{Covariance, Knot, Noise, State, added, backward, knots};
 use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 use statrs::function::erf::erfc;
@@ -41,7 +41,7 @@ fn pulses_in(problem: &Problem<'_>, fit: &Fit, noise: &Noise) -> f64 {
         .tracks
         .par_iter()
         .map(|track| {
-            let knots = trace_track(track, problem.rig, &fit.point, &noise);
+            let knots = knots(track, problem.rig, &fit.point, &noise);
             knots.iter().zip(&backward(&knots)).map(|(knot, smoothed)| Place::of(knot, smoothed)).collect()
         })
         .collect();

@@ -63,7 +63,9 @@ pub fn fit_beside(problem: &Problem<'_>, base: &Fit, first: &Fit, other: usize) 
             (on_top.objective(base, &first.noise, &start), start)
         })
         .min_by(|a, b| a.0.total_cmp(&b.0))?;
-    worth(value, first).then(|| on_top.settle(base, first.noise, start)).filter(|fit| !only_tails(fit))
+    worth(problem, value, first)
+        .then(|| on_top.settle(base, first.noise, start))
+        .filter(|fit| !only_tails(fit))
 }
 
 /// Whether wrong places lie so near that they are but the tails of more noise, which is never quite normal.
@@ -78,8 +80,8 @@ fn only_tails(fit: &Fit) -> bool {
 }
 
 /// Whether a search from the best of so coarse a grid may catch up with a fit.
-fn worth(value: f64, with: &Fit) -> bool {
-    value <= with.objective + 15.0 + GRID_LOSS * with.sightings as f64
+fn worth(problem: &Problem<'_>, value: f64, with: &Fit) -> bool {
+    value <= with.objective + 15.0 + GRID_LOSS * problem.counted() as f64
 }
 
 /// Values of coordinates over their priors, one and a half deviations to either side.
@@ -160,7 +162,7 @@ impl<'a> OnTop<'a> {
             .flat_map(|noise| grid(&self.own).into_iter().map(move |values| (noise, values)))
             .map(|(noise, values)| (self.objective(base, &noise, &values), noise, values))
             .min_by(|a, b| a.0.total_cmp(&b.0))?;
-        worth(value, base).then_some((noise, start))
+        worth(self.problem, value, base).then_some((noise, start))
     }
 
     /// A search along each coordinate in turn, noise included; evidence from the curvature along each.

@@ -4,7 +4,7 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
-use bench_filter::{Axis, Direction, Hat, Innovation, Pass, Seen, is_random, run};
+use bench_filter::{Axis, Direction, Hat, Innovation, Pass, Prediction, Seen, is_random, run};
 use bench_plant::effects::LIBRARY;
 use bench_statistics::evenly_in_log;
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
@@ -100,14 +100,14 @@ const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
 
 /// Looks for structure that a fit leaves.
 pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
-    let plain = run(problem.tracks, problem.rig, &fit.point, &fit.full_noise(problem), &[]);
+    let plain = problem.predict(&fit.point, &fit.full_noise(problem));
     let mut directions = directions(&fit.free, &fit.point);
     let fitted = directions.len();
     let (mut knots_by_axis, mut hat_axes) = (Vec::new(), Vec::new());
     let mut altitudes = Vec::new();
     for (index, axis) in Axis::ALL.into_iter().enumerate() {
         let most = if axis == Axis::Altitude { ALTITUDE_KNOTS } else { KNOTS };
-        let knots = knots(plain.innovations().map(|innovation| innovation.axes[index]).collect(), most);
+        let knots = knots(innovations(&plain).map(|innovation| innovation.axes[index]).collect(), most);
         let hats = hats(axis, &knots);
         if axis == Axis::Altitude {
             altitudes.clone_from(&hats);
@@ -170,6 +170,10 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         play: if is_own(Axis::ThrustChange) { 0.0 } else { play(&information, &gradient, plays) },
         tracker,
     }
+}
+
+fn innovations(plain: &[Prediction]) -> impl Iterator<Item = &Innovation> {
+    plain.iter().flat_map(|track| &track.innovations)
 }
 
 /// Widths of the play that are tried, over the weight.
@@ -246,7 +250,7 @@ const MOST_TONES: usize = 1000;
 /// Looks for a swing that a fit leaves.
 pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
     let noise = fit.full_noise(problem);
-    let plain = run(problem.tracks, problem.rig, &fit.point, &noise, &[]);
+    let plain = problem.predict(&fit.point, &noise);
     let (mut tried, tones) = tones(&plain);
     let (low, high, n) = WAVES_HZ;
     tried += n;
@@ -280,19 +284,19 @@ pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
 /// passes on the frequency of what it did not foresee. The power at a frequency is the sum over flights of each one's
 /// (Lomb, *Least-squares frequency analysis of unequally spaced data*, Astrophysics and Space Science 39, 1976, for times as
 /// good as even).
-fn tones(plain: &Pass) -> (usize, Vec<f64>) {
+fn tones(plain: &[Prediction]) -> (usize, Vec<f64>) {
     let (low, high, _) = WAVES_HZ;
     let lasted_s = |innovations: &[Innovation]| match innovations {
         [first, .., last] => last.exposed_s - first.exposed_s,
         _ => 0.0,
     };
-    let longest_s = plain.tracks.iter().map(|track| lasted_s(&track.innovations)).fold(1.0, f64::max);
+    let longest_s = plain.iter().map(|track| lasted_s(&track.innovations)).fold(1.0, f64::max);
     // A tone half way between two of them loses a fifth of its power.
     let step_hz = 0.5 / longest_s;
     let count = (((high - low) / step_hz) as usize + 1).min(MOST_TONES);
     let step_hz = (high - low) / (count.max(2) - 1) as f64;
     let mut power = vec![0.0; count];
-    for track in &plain.tracks {
+    for track in plain {
         let mut sums = vec![Complex::new(0.0, 0.0); count];
         for innovation in &track.innovations {
             let turn = |hz: f64| Complex::from_polar(1.0, std::f64::consts::TAU * hz * innovation.exposed_s);

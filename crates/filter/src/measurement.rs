@@ -1,6 +1,6 @@
 //! A sighting held against its prediction: how likely it is under what blurs, delays and loses frames.
 
-use crate::{noise::Noise, pass::Covariance};
+use crate::{covariance::Covariance, noise::Noise};
 
 /// Innovations beyond this many sigma count linearly.
 const HUBER: f64 = 4.0;
@@ -12,7 +12,7 @@ const MOST_FRAMES_BETWEEN: f64 = 1000.0;
 const REPEATED_BY_CHANCE: f64 = 0.03;
 
 /// A sighting beside its prediction.
-pub struct Sight {
+pub struct AltitudeMeasurement {
     /// What the tracker shows of a metre.
     pub factor: f64,
     pub speed_m_s: f64,
@@ -64,7 +64,7 @@ impl Scored {
     }
 }
 
-impl Sight {
+impl AltitudeMeasurement {
     /// Holds an innovation against a state's covariance, where the sighting before was of an older frame with probability `stale`.
     #[inline]
     pub fn score(&self, p: &Covariance, noise: &Noise, residual: f64, stale: f64) -> Scored {
@@ -162,8 +162,8 @@ mod tests {
     use super::*;
 
     /// Of an airframe that moves by 3 cm between frames, read every third frame with a noise of 2.5 mm and a step of 1 mm.
-    fn sight(repeats: bool, from_last_m: f64) -> Sight {
-        Sight {
+    fn sight(repeats: bool, from_last_m: f64) -> AltitudeMeasurement {
+        AltitudeMeasurement {
             factor: 1.0,
             speed_m_s: 0.9,
             timing_s: 0.0,
@@ -176,7 +176,7 @@ mod tests {
         }
     }
 
-    fn score(sight: &Sight, residual_m: f64, stale: f64) -> Scored {
+    fn score(sight: &AltitudeMeasurement, residual_m: f64, stale: f64) -> Scored {
         let lost = Lost { share: 0.2, begins: 0.05, ends: 0.2 };
         sight.perhaps_stale(&lost, residual_m, 0.0025_f64.powi(2), stale)
     }
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn a_hover_is_no_evidence_of_lost_frames_whether_it_repeats_readings_or_not() {
         for repeats in [false, true] {
-            let hover = Sight { speed_m_s: 0.0, ..sight(repeats, 0.0005) };
+            let hover = AltitudeMeasurement { speed_m_s: 0.0, ..sight(repeats, 0.0005) };
             let (with, without) = (score(&hover, 0.0005, 0.2), Scored::bounded(0.0005, 0.0025_f64.powi(2)));
             assert!((with.nll - without.nll).abs() < 1e-9, "{repeats}: {} {}", with.nll, without.nll);
         }

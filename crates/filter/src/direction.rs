@@ -1,0 +1,97 @@
+//! Ways in which a model may be a little otherwise, and the quantities over which it may.
+
+use crate::law::Coordinate;
+
+/// Something whose small change the innovations feel.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Direction {
+    /// A coordinate of the point, and the step by which its derivative is taken; the step's sign chooses the side.
+    Coordinate(Coordinate, f64),
+    /// An effect that the point lacks, by library index, at full size: a finite difference from the point.
+    Added(usize, Vec<f64>),
+    /// An acceleration of 1 m/s^2 that swings at a frequency, Hz, with a phase, rad, from take-off on.
+    Wave(f64, f64),
+    /// An acceleration of 1 m/s^2 all along.
+    Steady,
+    /// An acceleration of 1 m/s^2 upwards at one end of a play of the thrust, of such a width over the weight, downwards at the
+    /// other, and in proportion between: at the upper end once the throttle has risen through it.
+    Play(f64),
+    /// A free offset of sightings.
+    Seen(Seen),
+    /// A free acceleration of 1 m/s^2 where a quantity is near a knot, falling linearly to its neighbours.
+    Hat(Hat),
+}
+
+/// What a tracker may get wrong, per unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Seen {
+    /// 1 m near an altitude.
+    Altitude(Hat),
+    /// 1 m at a thrust of twice the weight, none at the weight.
+    Thrust,
+    /// 1 m a second of flight.
+    Time,
+    /// Latency that grows by 1 s a second of flight.
+    Latency,
+}
+
+/// One hat function of a quantity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hat {
+    /// Which quantity.
+    pub axis: Axis,
+    /// The knot before, the knot itself, the knot after. Equal neighbours: the first or last knot, whose hat goes on.
+    pub knots: [f64; 3],
+}
+
+impl Hat {
+    #[inline]
+    pub(crate) fn at(&self, x: f64) -> f64 {
+        let [before, at, after] = self.knots;
+        if x < at {
+            if before == at { 1.0 } else { ((x - before) / (at - before)).max(0.0) }
+        } else if after == at {
+            1.0
+        } else {
+            ((after - x) / (after - at)).max(0.0)
+        }
+    }
+}
+
+/// How many quantities there are.
+pub const AXES: usize = 8;
+
+/// A quantity over which a free acceleration may vary.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// Altitude, m.
+    Altitude,
+    /// Vertical speed, m/s.
+    Speed,
+    /// Nominal thrust out of the ground effect over nominal weight.
+    ThrustToWeight,
+    /// Change of that ratio against what it was of late, through a lag.
+    ThrustChange,
+    /// Time since the throttle first left its rest, s.
+    Time,
+    /// Integral of the thrust-to-weight ratio, minutes.
+    Charge,
+    /// Voltage of the battery, V; 0 where it was not measured.
+    Voltage,
+    /// Altitude as it was of late, through a lag, m.
+    Past,
+}
+
+impl Axis {
+    /// All of them.
+    pub const ALL: [Self; AXES] = [
+        Self::Altitude,
+        Self::Speed,
+        Self::ThrustToWeight,
+        Self::ThrustChange,
+        Self::Time,
+        Self::Charge,
+        Self::Voltage,
+        Self::Past,
+    ];
+}
