@@ -11,7 +11,7 @@ use crate::{
     k_step::KStepPredictors,
     law::Point,
     noise::Noise,
-    perturbed::Sensitivities,
+    perturbed::{Pairs, Sensitivities},
     probe::Probes,
     smooth::{Knot, Knots},
     track::Track,
@@ -58,8 +58,20 @@ pub struct Prediction {
 
 /// Runs the filter over all tracks at a point, with derivatives along directions.
 pub fn run(tracks: &[Track], rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> Pass {
+    run_for(tracks, rig, point, noise, directions, Pairs::All)
+}
+
+/// The same with the information of some pairs of directions alone.
+pub fn run_for(
+    tracks: &[Track],
+    rig: &Rig,
+    point: &Point,
+    noise: &Noise,
+    directions: &[Direction],
+    pairs: Pairs,
+) -> Pass {
     let flown: Vec<TrackPass> =
-        tracks.par_iter().map(|track| run_track(track, rig, point, noise, directions)).collect();
+        tracks.par_iter().map(|track| run_track(track, rig, point, noise, directions, pairs)).collect();
     // In the tracks' order, so that sums do not depend on who finished first.
     let n = directions.len();
     let mut pass = Pass { gradient: DVector::zeros(n), information: DMatrix::zeros(n, n), ..Pass::default() };
@@ -75,9 +87,16 @@ pub fn run(tracks: &[Track], rig: &Rig, point: &Point, noise: &Noise, directions
     pass
 }
 
-fn run_track(track: &Track, rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> TrackPass {
+fn run_track(
+    track: &Track,
+    rig: &Rig,
+    point: &Point,
+    noise: &Noise,
+    directions: &[Direction],
+    pairs: Pairs,
+) -> TrackPass {
     let probes = Probes::around(&noise.times(track.ln_noise.exp()));
-    let mut passengers = (Sensitivities::new(point, rig, directions), probes);
+    let mut passengers = (Sensitivities::new(point, rig, directions, pairs), probes);
     let nll = fly(track, rig, point, noise, LearnsFrom::All, &mut passengers);
     let (sensitivities, probes) = passengers;
     let (gradient, information) = sensitivities.into_sums();

@@ -11,9 +11,36 @@ use crate::{
     pins::dragged,
 };
 
+/// Of which pairs of directions the information is asked for; it is zero for the others. All of `n` directions cost `n^2` at each
+/// measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pairs {
+    /// Each with each.
+    All,
+    /// The first `head` with all, the others in blocks of `block` within each block.
+    Arrow {
+        /// How many stand at the head.
+        head: usize,
+        /// How many are in a block, one or more.
+        block: usize,
+    },
+}
+
+impl Pairs {
+    /// Those before direction `i`, itself included, whose pairs with it are asked for.
+    #[inline]
+    fn before(self, i: usize) -> [std::ops::Range<usize>; 2] {
+        match self {
+            Self::Arrow { head, block } if i >= head => [0..head, i - (i - head) % block..i + 1],
+            _ => [0..i + 1, 0..0],
+        }
+    }
+}
+
 /// Gradient and information of a flight's log-likelihood along directions.
 pub(crate) struct Sensitivities {
     models: Vec<PerturbedModel>,
+    pairs: Pairs,
     /// Slope of the innovation at hand by each direction.
     row: Vec<f64>,
     gradient: Vec<f64>,
@@ -22,10 +49,10 @@ pub(crate) struct Sensitivities {
 }
 
 impl Sensitivities {
-    pub(crate) fn new(point: &Point, rig: &Rig, directions: &[Direction]) -> Self {
+    pub(crate) fn new(point: &Point, rig: &Rig, directions: &[Direction], pairs: Pairs) -> Self {
         let models = directions.iter().map(|direction| PerturbedModel::new(point, rig, direction)).collect();
         let n = directions.len();
-        Self { models, row: vec![0.0; n], gradient: vec![0.0; n], lower: vec![0.0; n * (n + 1) / 2] }
+        Self { models, pairs, row: vec![0.0; n], gradient: vec![0.0; n], lower: vec![0.0; n * (n + 1) / 2] }
     }
 
     /// Gradient and information, in the order of the directions.
@@ -66,8 +93,11 @@ impl Passenger for Sensitivities {
             for (i, slope) in self.row.iter().enumerate() {
                 let weighted = scored.weight * slope / scored.variance;
                 self.gradient[i] += weighted * scored.residual;
-                for (sum, other) in self.lower[first..=first + i].iter_mut().zip(&self.row) {
-                    *sum += weighted * other;
+                let lower = &mut self.lower[first..=first + i];
+                for range in self.pairs.before(i) {
+                    for (sum, other) in lower[range.clone()].iter_mut().zip(&self.row[range]) {
+                        *sum += weighted * other;
+                    }
                 }
                 first += i + 1;
             }
@@ -228,5 +258,20 @@ impl PerturbedModel {
                 self.aside = [altitude, 0.0, self.aside[2], 0.0];
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_that_are_asked_for_are_the_heads_and_those_of_a_block() {
+        let asked = |pairs: Pairs, i: usize| pairs.before(i).into_iter().flatten().collect::<Vec<_>>();
+        assert_eq!(asked(Pairs::All, 3), [0, 1, 2, 3]);
+        let arrow = Pairs::Arrow { head: 2, block: 2 };
+        assert_eq!(asked(arrow, 1), [0, 1]);
+        assert_eq!(asked(arrow, 4), [0, 1, 4]);
+        assert_eq!(asked(arrow, 5), [0, 1, 4, 5]);
     }
 }

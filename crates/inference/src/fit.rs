@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use bench_filter::{
-    Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pass, Point, Prediction, Track, added, is_random,
-    nll, nll_of_all, predict, run,
+    Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pairs, Pass, Point, Prediction, Track, added,
+    is_random, nll, nll_of_all, predict, run, run_for,
 };
 use bench_statistics::evenly_in_log;
 
@@ -451,7 +451,8 @@ impl<'a> Problem<'a> {
             }
         }
         let noise = base.full_noise(self);
-        let pass = run(self.tracks, self.rig, point, &noise, &directions);
+        let pairs = Pairs::Arrow { head: fitted, block: 1 };
+        let pass = run_for(self.tracks, self.rig, point, &noise, &directions, pairs);
         let objective = pass.nll + self.prior(point, &base.noise, free);
         let (own, own_gradient) = with_prior(free, point, &pass);
         let Some(own) = own.cholesky() else { return Vec::new() };

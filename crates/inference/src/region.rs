@@ -4,7 +4,9 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
-use bench_filter::{Axis, Direction, Hat, Innovation, Pass, Prediction, Seen, is_random, run};
+use bench_filter::{
+    Axis, Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, is_random, run, run_for,
+};
 use bench_plant::effects::LIBRARY;
 use bench_statistics::evenly_in_log;
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
@@ -260,7 +262,9 @@ pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
         .iter()
         .flat_map(|hz| [0.0, std::f64::consts::FRAC_PI_2].map(|phase| Direction::Wave(*hz, phase)))
         .collect();
-    let pass = run(problem.tracks, problem.rig, &fit.point, &noise, &directions);
+    // Both phases of a frequency are one block.
+    let pairs = Pairs::Arrow { head: 0, block: 2 };
+    let pass = run_for(problem.tracks, problem.rig, &fit.point, &noise, &directions, pairs);
     let gain = |i: usize| {
         WIDTHS
             .into_iter()
