@@ -335,10 +335,7 @@ impl Diagnosis {
             flights: problem
                 .tracks
                 .iter()
-                .map(|track| FlightUsed {
-                    name: track.name.clone(),
-                    sightings: track.sightings.iter().filter(|sighting| sighting.counts).count(),
-                })
+                .map(|track| FlightUsed { name: track.name.clone(), sightings: track.counted() })
                 .collect(),
             next: next(verdict, &candidates, &group),
             next_flight: None,

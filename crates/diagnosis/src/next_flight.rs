@@ -1,11 +1,9 @@
 //! The mission that best tells two hypotheses apart: T-optimal, the rival re-fitted (docs/diagnosis.md).
 
-use bench_filter::{
-    BIAS, LATENCY, Noise, Pass, Point, Prediction, Scored, Track, added, is_random, predict, run,
-};
-use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_step};
 use std::{fmt::Write as _, path::PathBuf};
 
+use bench_filter::{BIAS, LATENCY, Noise, Pass, Point, Scored, Track, added, innovations, is_random, run};
+use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_step};
 use bench_plant::effects::{LIBRARY, index_of};
 use bench_recording::Flight;
 use bench_rig::{Chirp, EffectEntry, Location, Mission, Model, PhaseAction, PhasePlan, Profile, Rig};
@@ -472,11 +470,9 @@ fn expect(
             share *= 0.3;
         }
     }
-    let predicted: Vec<Prediction> =
-        tracks.iter().map(|track| predict(track, problem.rig, &here.point, noise)).collect();
-    let innovations = || predicted.iter().flat_map(|track| &track.innovations);
-    let variances_m2: Vec<f64> = innovations().map(|innovation| innovation.variance_m2).collect();
-    let nll = innovations().zip(truth.unwrap_or(&variances_m2)).map(|(innovation, true_m2)| {
+    let predicted = problem.with_tracks(tracks).predict(&here.point, noise);
+    let variances_m2: Vec<f64> = innovations(&predicted).map(|innovation| innovation.variance_m2).collect();
+    let nll = innovations(&predicted).zip(truth.unwrap_or(&variances_m2)).map(|(innovation, true_m2)| {
         Scored::bounded(innovation.residual_m.hypot(true_m2.sqrt()), innovation.variance_m2).nll
     });
     let nll = nll.sum::<f64>() + here.cost;

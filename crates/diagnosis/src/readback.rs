@@ -40,6 +40,7 @@ const LEAST_FLIGHTS: usize = 3;
 const SCALE_COST: f64 = 1.0;
 /// Readbacks nearer than this to a scale tell it.
 const NEAR_SIGMAS: f64 = 4.0;
+
 /// A law of the pins: what each holds, iteration by iteration of a flight.
 struct PinLaw {
     effect: usize,

@@ -3,7 +3,6 @@
 
 use bench_recording::Flight;
 use bench_rig::Rig;
-
 use bench_statistics::median_high;
 
 use crate::track::usable;

@@ -82,9 +82,8 @@ impl Noise {
     }
 }
 
-/// Names of the effects of this kind.
-pub const RANDOM: [&str; 5] =
-    ["tracker-noise", "tracker-jitter", "tracker-dropout", "tracker-outliers", "gusts"];
+/// Names of the effects that are seen in the noise alone.
+const RANDOM: [&str; 5] = ["tracker-noise", "tracker-jitter", "tracker-dropout", "tracker-outliers", "gusts"];
 
 /// What is slower than this is a drift, not a gust, s.
 const LONGEST_GUST_S: f64 = 4.0;
@@ -95,7 +94,7 @@ const OUTLIER_SIGMAS: f64 = 4.0;
 /// Spread of the charge drawn before a flight, minutes of hover.
 const DRAWN_BEFORE_MIN: f64 = 0.3;
 
-/// Whether an effect of the library is of this kind.
+/// Whether an effect of the library is seen in the noise alone.
 pub fn is_random(effect: usize) -> bool {
     RANDOM.contains(&LIBRARY[effect].name)
 }

@@ -56,6 +56,11 @@ pub struct Prediction {
     pub k_step: [(f64, u32); 3],
 }
 
+/// Every innovation that counts, track by track.
+pub fn innovations(predictions: &[Prediction]) -> impl Iterator<Item = &Innovation> {
+    predictions.iter().flat_map(|track| &track.innovations)
+}
+
 /// Runs the filter over all tracks at a point, with derivatives along directions.
 pub fn run(tracks: &[Track], rig: &Rig, point: &Point, noise: &Noise, directions: &[Direction]) -> Pass {
     run_for(tracks, rig, point, noise, directions, Pairs::All)

@@ -253,6 +253,11 @@ impl Track {
         self.check()
     }
 
+    /// How many sightings are held against predictions.
+    pub fn counted(&self) -> usize {
+        self.sightings.iter().filter(|sighting| sighting.counts).count()
+    }
+
     /// The highest altitude that was seen twice in a row, m: one sighting may be of anything.
     pub fn highest_m(&self) -> f64 {
         let twice = self.sightings.windows(2).map(|pair| pair[0].z_m.min(pair[1].z_m));
@@ -287,7 +292,7 @@ impl Track {
     }
 
     fn check(self) -> Result<Self, TrackError> {
-        let seen = self.sightings.iter().filter(|s| s.counts).count();
+        let seen = self.counted();
         if seen < LEAST_SIGHTINGS {
             return Err(TrackError::TooShort { flight: self.name, sightings: seen, least: LEAST_SIGHTINGS });
         }

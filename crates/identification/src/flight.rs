@@ -1,6 +1,6 @@
 //! The nominal numbers from nominal flights.
 
-use bench_filter::{BIAS, Coordinate, GAIN, LATENCY, Noise, OFFSET, Point, Track};
+use bench_filter::{BIAS, Coordinate, GAIN, LATENCY, Noise, OFFSET, Point, Track, innovations};
 use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
 use serde::Serialize;
@@ -276,15 +276,11 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
         .collect();
     let (mut nis, mut count) = (0.0, 0_usize);
     let predicted = problem.predict(&fit.point, noise);
-    for innovation in predicted.iter().flat_map(|track| &track.innovations) {
+    for innovation in innovations(&predicted) {
         nis += innovation.residual_m.powi(2) / innovation.variance_m2;
         count += 1;
     }
-    let flights = problem
-        .tracks
-        .iter()
-        .map(|track| (track.name.clone(), track.sightings.iter().filter(|s| s.counts).count()))
-        .collect();
+    let flights = problem.tracks.iter().map(|track| (track.name.clone(), track.counted())).collect();
     FlightIdentification {
         schema: "bench.identification/1",
         numbers,

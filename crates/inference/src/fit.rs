@@ -1,15 +1,14 @@
 //! Fits a hypothesis to the flights: parameters by their posterior's mode, evidence by Laplace's method.
 
-use bench_plant::effects::{LIBRARY, Prior};
-use bench_rig::Rig;
-use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
-
 use bench_filter::{
     Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pairs, Pass, Point, Prediction, Track, added,
     is_random, nll, nll_of_all, predict, run, run_for,
 };
+use bench_plant::effects::{LIBRARY, Prior};
+use bench_rig::Rig;
 use bench_statistics::evenly_in_log;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use crate::settle;
 
@@ -151,13 +150,13 @@ impl Free {
 }
 
 /// Uncertainty of the noise's logarithm before any flight: tracker, then turbulence.
-pub const SIGHTING_SIGMA_LN: f64 = 0.05;
+const SIGHTING_SIGMA_LN: f64 = 0.05;
 /// Calm air is ordinary, strong wind is not.
 const CALM_SIGMA_LN: f64 = 1.0;
 const WINDY_FROM_LN: f64 = 0.5;
 const WINDY_SIGMA_LN: f64 = 0.2;
 /// Memories of turbulence that are tried, s.
-pub const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
+pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
 const TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 
 /// How far the logarithm of a turbulence over the usual lies from it, in sigmas.
@@ -168,11 +167,11 @@ fn turbulence_sigmas(ln_ratio: f64) -> f64 {
         (ln_ratio - WINDY_FROM_LN).max(0.0) / WINDY_SIGMA_LN
     }
 }
-pub const MAX_PASSES: usize = 14;
+pub(crate) const MAX_PASSES: usize = 14;
 const FIRST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e4;
 /// A step that promises less, in nats, is not worth a pass.
-pub const WORTH: f64 = 0.05;
+pub(crate) const WORTH: f64 = 0.05;
 /// No coordinate moves by more prior deviations at once.
 const LONGEST_STEP: f64 = 2.0;
 
@@ -260,11 +259,7 @@ impl<'a> Problem<'a> {
 
     /// How many sightings are held against predictions.
     pub fn counted(&self) -> usize {
-        self.tracks
-            .iter()
-            .flat_map(|track| &track.sightings)
-            .filter(|sighting| sighting.counts && !sighting.carried)
-            .count()
+        self.tracks.iter().map(Track::counted).sum()
     }
 
     /// The same problem of other flights.
@@ -515,7 +510,7 @@ impl<'a> Problem<'a> {
     }
 
     /// A fit that has not begun. Effects from the given slot on keep their plainest form until it is unfolded.
-    pub fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
+    pub(crate) fn descent(&self, start: Point, noise: Noise, plain_from: usize) -> Descent {
         let free = self.free(&start, plain_from);
         let here = self.look(start, noise, &free);
         Descent { free, here, damping: FIRST_DAMPING, passes: 1 }
@@ -619,7 +614,7 @@ pub fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
 const SLOWEST_SAG_S: f64 = 4.0;
 
 /// The coordinates of one effect.
-pub fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
+pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
     LIBRARY[effect].parameters.iter().enumerate().map(move |(parameter, p)| {
         let (logarithmic, mean, sigma) = match p.prior {
             Prior::Normal { mean, sigma } => (false, mean, sigma),
@@ -635,7 +630,7 @@ pub fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Fr
 }
 
 /// A fit under way.
-pub struct Descent {
+pub(crate) struct Descent {
     free: Vec<Free>,
     here: Look,
     damping: f64,
@@ -644,12 +639,12 @@ pub struct Descent {
 
 impl Descent {
     /// Goes on until a step promises less than so many nats, or so many passes are made in all.
-    pub fn go(&mut self, problem: &Problem<'_>, most: usize, worth: f64) {
+    pub(crate) fn go(&mut self, problem: &Problem<'_>, most: usize, worth: f64) {
         while self.passes < most && self.step(problem, worth) {}
     }
 
     /// Frees the parameters that give effects another than their plainest form.
-    pub fn unfold(&mut self, problem: &Problem<'_>) {
+    pub(crate) fn unfold(&mut self, problem: &Problem<'_>) {
         let free = problem.free(&self.here.point, usize::MAX);
         if free.len() > self.free.len() {
             self.here = problem.look(self.here.point.clone(), self.here.noise, &free);
@@ -659,27 +654,27 @@ impl Descent {
     }
 
     /// The effects of the hypothesis.
-    pub fn effects(&self) -> Vec<usize> {
+    pub(crate) fn effects(&self) -> Vec<usize> {
         self.here.point.effect_indices()
     }
 
     /// The negative log-posterior here, but for constants.
-    pub fn objective(&self) -> f64 {
+    pub(crate) fn objective(&self) -> f64 {
         self.here.objective
     }
 
     /// Logarithm of the evidence here.
-    pub fn log_evidence(&self) -> f64 {
+    pub(crate) fn log_evidence(&self) -> f64 {
         log_evidence(self.here.objective, &self.free, &self.here.hessian)
     }
 
     /// What the next step promises, nats: none where there is none.
-    pub fn promise(&self) -> f64 {
+    pub(crate) fn promise(&self) -> f64 {
         self.next().map_or(0.0, |(_, promise)| promise)
     }
 
     /// Whether it led nowhere of late: its last step was no good, or the next does not promise so many nats.
-    pub fn stopped(&self, worth: f64) -> bool {
+    pub(crate) fn stopped(&self, worth: f64) -> bool {
         self.damping > FIRST_DAMPING || self.promise() < worth
     }
 
@@ -718,7 +713,7 @@ impl Descent {
         true
     }
 
-    pub fn into_fit(self) -> Fit {
+    pub(crate) fn into_fit(self) -> Fit {
         self.here.into_fit(self.free)
     }
 }
@@ -871,7 +866,7 @@ fn amplitudes(effect: usize) -> (f64, f64) {
 }
 
 /// Every choice of one value from each list, the last list's changing first.
-pub fn every_choice(lists: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
+pub(crate) fn every_choice(lists: impl Iterator<Item = Vec<f64>>) -> Vec<Vec<f64>> {
     lists.fold(vec![Vec::new()], |heads, values| {
         let with = |head: &Vec<f64>, value: f64| [head.as_slice(), &[value]].concat();
         heads.iter().flat_map(|head| values.iter().map(move |value| with(head, *value))).collect()

@@ -1,13 +1,13 @@
 //! Fits of effects that are seen in the spread of sightings alone: they change the filter's noise, not its prediction.
 
-use bench_plant::effects::LIBRARY;
-
 use bench_filter::{Noise, Point};
+use bench_plant::effects::LIBRARY;
 
 use crate::fit::{Fit, Free, Problem, effect_coordinates, every_choice};
 
 /// Nearer than this, beside more noise, wrong places are its tails.
 const TAIL_SIGMAS: f64 = 6.0;
+
 /// Loss of likelihood a sighting, nats, between the best of the grid and the mode: half a step in the size of a noise.
 const GRID_LOSS: f64 = 0.06;
 /// Sweeps of the search over all coordinates, at most and at least.

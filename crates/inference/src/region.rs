@@ -5,7 +5,7 @@
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
 use bench_filter::{
-    Axis, Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, is_random, run, run_for,
+    Axis, Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, is_random, run, run_for,
 };
 use bench_plant::effects::LIBRARY;
 use bench_statistics::evenly_in_log;
@@ -172,10 +172,6 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         play: if is_own(Axis::ThrustChange) { 0.0 } else { play(&information, &gradient, plays) },
         tracker,
     }
-}
-
-fn innovations(plain: &[Prediction]) -> impl Iterator<Item = &Innovation> {
-    plain.iter().flat_map(|track| &track.innovations)
 }
 
 /// Widths of the play that are tried, over the weight.

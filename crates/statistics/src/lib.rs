@@ -1,4 +1,4 @@
-//! Statistics that several parts of the bench share; distributions are those of statrs.
+//! Statistics that several parts of the bench share.
 
 /// Median of a normal's magnitude over its deviation.
 pub const MEDIAN_OF_NORMAL: f64 = 0.6745;
