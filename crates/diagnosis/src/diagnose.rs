@@ -1,8 +1,8 @@
 //! From flights to a verdict, and what is told of it.
 
-use bench_filter::{Axis, Point, Track};
+use bench_filter::{Point, Track};
 use bench_inference::{Fit, Problem, Regions, Search, fitted_effects};
-use bench_plant::effects::{LIBRARY, Stage, index_of};
+use bench_plant::effects::{Axis, LIBRARY, Stage, index_of};
 use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 

@@ -5,7 +5,7 @@
 //! evidence adds to the evidence of the filter, which is fed with what the pins held and when.
 
 use bench_filter::{TOGETHER_S, Track, known};
-use bench_plant::effects::index_of;
+use bench_plant::effects::{Reading, read_as};
 use bench_rig::Rig;
 use bench_statistics::median_high;
 use serde::Serialize;
@@ -58,10 +58,6 @@ pub struct Finding {
     pub text: String,
 }
 
-pub(crate) fn library(name: &str) -> usize {
-    index_of(name).unwrap_or_default()
-}
-
 /// Reads the direct channels of all flights.
 pub fn direct(tracks: &[Track], rig: &Rig) -> Direct {
     let mut out = Direct::default();
@@ -98,9 +94,9 @@ fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         });
         let ratio = typical_s / ORDINARY_WAY_S;
         let gain = answered as f64 * (0.5 * (ratio * ratio - 1.0) - ratio.ln()) - LAW_COST;
-        if gain > 0.0 && out.effects.iter().all(|other| other.effect != library("actuator-lag")) {
+        if gain > 0.0 && out.effects.iter().all(|other| other.effect != read_as(Reading::PinLag)) {
             out.effects.push(DirectEffect {
-                effect: library("actuator-lag"),
+                effect: read_as(Reading::PinLag),
                 channel: "round trip",
                 gain: gain.min(MOST_DIRECT),
                 values: vec![typical_s],
@@ -124,7 +120,7 @@ fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         });
         // A command that is lost comes with the next iteration's.
         out.effects.push(DirectEffect {
-            effect: library("loop-overrun"),
+            effect: read_as(Reading::LateIterations),
             channel: "answers",
             gain: gain.min(MOST_DIRECT),
             values: vec![share, rig.control_loop.period_s],
@@ -166,7 +162,7 @@ fn ticks(tracks: &[Track], out: &mut Direct) {
         let late = values[0] * all.len() as f64;
         out.findings.push(Finding { channel: "ticks", text });
         out.effects.push(DirectEffect {
-            effect: library("loop-overrun"),
+            effect: read_as(Reading::LateIterations),
             channel: "ticks",
             gain: gain.min(MOST_DIRECT),
             values,
@@ -234,7 +230,7 @@ fn frames(tracks: &[Track], rig: &Rig, out: &mut Direct) {
             text: format!("{lost} of {} frames are missing, in {} bursts", told + lost, bursts.len()),
         });
         out.effects.push(DirectEffect {
-            effect: library("tracker-dropout"),
+            effect: read_as(Reading::LostFrames),
             channel: "frames",
             gain: gain.min(MOST_DIRECT),
             values: vec![lost as f64 / n, mean],
@@ -291,7 +287,7 @@ fn arrivals(tracks: &[Track], rig: &Rig, out: &mut Direct) {
             text: format!("frames arrive {:.1} ms (one sigma) off a regular clock", 1e3 * slow),
         });
         out.effects.push(DirectEffect {
-            effect: library("tracker-jitter"),
+            effect: read_as(Reading::LateFrames),
             channel: "arrivals",
             gain: gain(fast).min(MOST_DIRECT),
             values: vec![if queued { own_s / (n - together) } else { fast }],
@@ -303,7 +299,7 @@ fn arrivals(tracks: &[Track], rig: &Rig, out: &mut Direct) {
             text: format!("the latency of frames wanders by {:.1} ms (one sigma)", 1e3 * slow),
         });
         out.effects.push(DirectEffect {
-            effect: library("tracker-latency"),
+            effect: read_as(Reading::Latency),
             channel: "arrivals",
             gain: gain(slow).min(MOST_DIRECT),
             values: vec![wait / n],

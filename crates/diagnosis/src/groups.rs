@@ -10,11 +10,10 @@ const SAME: f64 = 0.8;
 /// The same of lags and delays: a lag of the pins, of the rotors, of the sightings differ by where they begin and by their
 /// order, and those of an airframe are of any order. A pure delay of the pins is one of the sightings.
 const SAME_LAG: f64 = 0.25;
-const LAGS: [&str; 3] = ["actuator-lag", "rotor-lag", "tracker-latency"];
 
 /// Cosine beyond which these two count as one.
 pub fn same(a: usize, b: usize) -> f64 {
-    if [a, b].iter().all(|effect| LAGS.contains(&LIBRARY[*effect].name)) { SAME_LAG } else { SAME }
+    if [a, b].iter().all(|effect| LIBRARY[*effect].signature.lag) { SAME_LAG } else { SAME }
 }
 
 /// Cosines of a fitted effect's response with those of other effects, highest first: the law's finite difference at the

@@ -4,7 +4,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use bench_filter::{BIAS, LATENCY, Noise, Pass, Point, Scored, Track, added, innovations, is_random, run};
 use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_step};
-use bench_plant::effects::{LIBRARY, index_of};
+use bench_plant::effects::{EffectSpec, LIBRARY, RigNumber, index_of};
 use bench_recording::Flight;
 use bench_rig::{Chirp, EffectEntry, Location, Mission, Model, PhaseAction, PhasePlan, Profile, Rig};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -509,8 +509,10 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
     let mut effects: Vec<(usize, Vec<f64>)> =
         point.effects.iter().filter(|(effect, _)| !is_random(*effect)).cloned().collect();
     // Latency and origin are what the tracker does, not what it believes.
-    let mut add = |name: &str, parameter: usize, value: f64| {
-        let Some(index) = index_of(name) else { return };
+    let mut add = |number: RigNumber, value: f64| {
+        let adds = |spec: &EffectSpec| spec.signature.adds_to.iter().find(|(to, _)| *to == number).copied();
+        let found = LIBRARY.iter().enumerate().find_map(|(index, spec)| Some((index, adds(spec)?.1)));
+        let Some((index, parameter)) = found else { return };
         let at = effects.iter().position(|(effect, _)| *effect == index).unwrap_or_else(|| {
             effects.push((index, vec![0.0; LIBRARY[index].parameters.len()]));
             effects.len() - 1
@@ -519,8 +521,8 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
         let sum = &mut effects[at].1[parameter];
         *sum = (*sum + value).clamp(p.min, p.max);
     };
-    add("tracker-latency", 0, n[LATENCY] - rig.tracker.latency_s.value);
-    add("tracker-scale", 1, n[BIAS]);
+    add(RigNumber::Latency, n[LATENCY] - rig.tracker.latency_s.value);
+    add(RigNumber::Origin, n[BIAS]);
     plant.effects = effects.into_iter().map(|(index, values)| entry(index, &values)).collect();
     plant
 }

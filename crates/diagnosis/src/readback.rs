@@ -1,14 +1,14 @@
 //! The laws of a pin: what each holds of what it was told, by its readback.
 
 use bench_filter::{Pin, Track, dragged, readback_sigma};
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, Reading, read_as};
 use bench_rig::Rig;
 use bench_statistics::{evenly_in_log, median_high};
 use rayon::prelude::*;
 
 use crate::{
     chain::{Bend, chain},
-    direct::{Direct, DirectEffect, Finding, LAW_COST, MOST_DIRECT, library},
+    direct::{Direct, DirectEffect, Finding, LAW_COST, MOST_DIRECT},
 };
 
 /// Squared residuals of a readback count at most so many sigma squared: a hypothesis wins by many samples, not by one.
@@ -183,7 +183,7 @@ impl PinChannel<'_> {
         let a = &self.rig.airframe;
         let ratio =
             |level: f64| a.thrust.gain_n_per_unit.value * (level - a.thrust.offset.value) / a.weight_n();
-        let effect = library("actuator-saturation");
+        let effect = read_as(Reading::PinLimit);
         let ends = LIBRARY[effect].parameters.iter().zip(levels);
         let values = ends.filter_map(|(p, level)| match level {
             Some(level) => Some(ratio(level).clamp(p.min, p.max)),
@@ -196,10 +196,10 @@ impl PinChannel<'_> {
     fn link(&self, bend: Bend, excess: f64) -> PinLaw {
         let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
         let of_range =
-            |name: &str, size: f64| PinLaw { effect: library(name), excess, values: vec![size / range] };
+            |reading, size: f64| PinLaw { effect: read_as(reading), excess, values: vec![size / range] };
         match bend {
-            Bend::Steps(step) => of_range("actuator-quantisation", step),
-            Bend::Play(width) => of_range("actuator-backlash", width),
+            Bend::Steps(step) => of_range(Reading::PinSteps, step),
+            Bend::Play(width) => of_range(Reading::PinHysteresis, width),
             Bend::Limit(level) => self.limited([Some(level), None], excess),
         }
     }
@@ -263,7 +263,7 @@ impl PinChannel<'_> {
             })
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(excess, step)| PinLaw {
-                effect: library("actuator-quantisation"),
+                effect: read_as(Reading::PinSteps),
                 excess,
                 values: vec![step / range],
             })
@@ -307,7 +307,7 @@ impl PinChannel<'_> {
             .map(tried)
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, in_range)| PinLaw {
-                effect: library("actuator-quantisation"),
+                effect: read_as(Reading::PinSteps),
                 excess: excess(&mut self.pins(), range / in_range),
                 values: vec![in_range.recip()],
             })
@@ -370,7 +370,7 @@ impl PinChannel<'_> {
         });
         let excess = excess + TREAD_COST * treads.len() as f64;
         Some(PinLaw {
-            effect: library("actuator-quantisation"),
+            effect: read_as(Reading::PinSteps),
             excess,
             values: vec![step / (sticks.max - sticks.min)],
         })
@@ -401,7 +401,7 @@ impl PinChannel<'_> {
                 evenly_in_log(0.003, 0.5, 60).map(move |time_constant_s| (time_constant_s, read_s))
             })
             .map(|(time_constant_s, read_s)| PinLaw {
-                effect: library("actuator-lag"),
+                effect: read_as(Reading::PinLag),
                 excess: excess(time_constant_s, read_s),
                 values: vec![time_constant_s],
             })
@@ -424,7 +424,7 @@ impl PinChannel<'_> {
         evenly_in_log(0.0005, 0.15, 120)
             .map(|fraction| fraction * range)
             .map(|width| PinLaw {
-                effect: library("actuator-backlash"),
+                effect: read_as(Reading::PinHysteresis),
                 excess: excess(width),
                 values: vec![width / range],
             })
@@ -466,7 +466,7 @@ impl PinChannel<'_> {
         // One jump missed is many residuals: the width must be right to a fraction of a step.
         let fine = (-40..=40).map(|i| about * (1.0 + 0.002 * f64::from(i)));
         let (excess, width) = try_all(&mut { fine })?;
-        Some(PinLaw { effect: library("actuator-backlash"), excess, values: vec![width / range] })
+        Some(PinLaw { effect: read_as(Reading::PinHysteresis), excess, values: vec![width / range] })
     }
 }
 
@@ -516,7 +516,7 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let both = both.filter(|both| alone - both.excess > LAW_COST + SECOND_SHARE * (ordinary - alone));
     let best = both.as_ref().map_or(alone, |both| both.excess);
     if both.is_none() {
-        out.lag_of_pins = (leading == library("actuator-lag") && !channel.answered()).then_some(leading);
+        out.lag_of_pins = (leading == read_as(Reading::PinLag) && !channel.answered()).then_some(leading);
     }
     out.unexplained_pins = (best - floor - FORM_SHARE * (ordinary - best)).max(0.0);
     let mut found = |law: PinLaw, gain: f64| {

@@ -1,8 +1,8 @@
 //! How hypotheses are weighed against one another: evidence of filter and direct channels, forms, and what is left.
 
-use bench_filter::is_random;
+use bench_filter::{is_random, spread};
 use bench_inference::{Fit, MANY_FLIGHTS, Problem, Regions, Search, Waves, own_axes, pulses, regions, waves};
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, Spread};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -58,7 +58,6 @@ const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.001);
 const ODD_SIGHTINGS: (f64, f64) = (8.0, 0.03);
 /// where most of them are lost, whose ages are known the least,
 const ODD_AMONG_LOST: (f64, f64) = (8.0, 0.08);
-const ODD: [&str; 3] = ["tracker-jitter", "tracker-dropout", "tracker-outliers"];
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
 const SECOND_BESIDE_CHANNEL_NATS: f64 = 3.0;
 /// Less than this, nats, in any place that is looked at, is nothing that calls for another cause.
@@ -78,8 +77,6 @@ const FORM_LEFT_OF_GAIN: f64 = 0.05;
 /// A law that only fades is of few forms, and these are fitted: it leaves next to nothing along its own quantities (nothing in
 /// fifteen tuning cases of three simulators), nats and share of its gain.
 const FORGIVEN_OF_FADING: (f64, f64) = (3.5, 0.02);
-/// A law over thrust alone, of which flights see a small range, is smooth there: less is forgiven of what lies elsewhere, too.
-const SMOOTH: &str = "thrust-curve";
 
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
@@ -484,21 +481,23 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
     let (nats, share) = if !is_random(noise) {
         SECOND_LAW
     } else if is_random(law) {
-        let odd = effects.iter().all(|effect| ODD.contains(&LIBRARY[*effect].name));
+        let odd = effects.iter().all(|effect| {
+            matches!(spread(*effect), Some(Spread::LateFrames | Spread::LostFrames | Spread::WrongPlaces))
+        });
         let lost =
-            |effect: &usize| LIBRARY[*effect].name == "tracker-dropout" && search.alone(&[*effect]) >= first;
+            |effect: &usize| spread(*effect) == Some(Spread::LostFrames) && search.alone(&[*effect]) >= first;
         match (odd, effects.iter().any(lost)) {
             (true, true) => ODD_AMONG_LOST,
             (true, false) => ODD_SIGHTINGS,
             (false, _) => NOISE_ON_NOISE,
         }
     } else if search.alone(&[noise]) >= search.alone(&[law]) {
-        match LIBRARY[noise].name {
-            "gusts" => LAW_ON_GUSTS,
-            "tracker-dropout" => LAW_ON_LOST,
+        match spread(noise) {
+            Some(Spread::Turbulence) => LAW_ON_GUSTS,
+            Some(Spread::LostFrames) => LAW_ON_LOST,
             _ => LAW_ON_NOISE,
         }
-    } else if ["tracker-dropout", "tracker-outliers"].contains(&LIBRARY[noise].name) {
+    } else if matches!(spread(noise), Some(Spread::LostFrames | Spread::WrongPlaces)) {
         SECOND_READINGS
     } else {
         SECOND_NOISE
@@ -562,7 +561,7 @@ fn forgive_forms_seen(search: &Search, hypotheses: &mut [Hypothesis], crowd: f64
 
 /// Whether a fit names gusts and nothing else that the filter sees.
 fn only_gusts(fit: &Fit) -> bool {
-    matches!(fit.effects().as_slice(), &[effect] if LIBRARY[effect].name == "gusts")
+    matches!(fit.effects().as_slice(), &[effect] if spread(effect) == Some(Spread::Turbulence))
 }
 
 /// What counts for nothing of what a hypothesis leaves, nats.
@@ -622,9 +621,10 @@ impl Forgiven {
         };
         let of_noise = if laws.is_empty() { best.grounds.flight.clamp(0.0, gain) } else { alone(&noises) };
         let of_gain = |share: f64| share * (gain - of_noise) + share.min(FORGIVEN_OF_NOISE_SHARE) * of_noise;
-        let smooth = !laws.is_empty() && laws.iter().all(|effect| LIBRARY[*effect].name == SMOOTH);
+        // A law that is smooth over what flights see of it: less is forgiven of what lies elsewhere, too.
+        let smooth = !laws.is_empty() && laws.iter().all(|effect| LIBRARY[*effect].signature.smooth);
         let wind: Vec<usize> =
-            noises.iter().copied().filter(|effect| LIBRARY[*effect].name == "gusts").collect();
+            noises.iter().copied().filter(|effect| spread(*effect) == Some(Spread::Turbulence)).collect();
         let of_wind = if wind.is_empty() { 0.0 } else { alone(&wind) };
         let nats = crowd * FORGIVEN_NATS;
         let share = if smooth { FORM_LEFT_OF_GAIN } else { FORGIVEN_SHARE };

@@ -1,4 +1,6 @@
-//! Ways in which a model may be a little otherwise, and the quantities over which it may.
+//! Ways in which a model may be a little otherwise.
+
+use bench_plant::effects::Axis;
 
 use crate::law::Coordinate;
 
@@ -56,42 +58,4 @@ impl Hat {
             ((after - x) / (after - at)).max(0.0)
         }
     }
-}
-
-/// How many quantities there are.
-pub const AXES: usize = 8;
-
-/// A quantity over which a free acceleration may vary.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Axis {
-    /// Altitude, m.
-    Altitude,
-    /// Vertical speed, m/s.
-    Speed,
-    /// Nominal thrust out of the ground effect over nominal weight.
-    ThrustToWeight,
-    /// Change of that ratio against what it was of late, through a lag.
-    ThrustChange,
-    /// Time since the throttle first left its rest, s.
-    Time,
-    /// Integral of the thrust-to-weight ratio, minutes.
-    Charge,
-    /// Voltage of the battery, V; 0 where it was not measured.
-    Voltage,
-    /// Altitude as it was of late, through a lag, m.
-    Past,
-}
-
-impl Axis {
-    /// All of them.
-    pub const ALL: [Self; AXES] = [
-        Self::Altitude,
-        Self::Speed,
-        Self::ThrustToWeight,
-        Self::ThrustChange,
-        Self::Time,
-        Self::Charge,
-        Self::Voltage,
-        Self::Past,
-    ];
 }

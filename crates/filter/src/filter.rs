@@ -1,6 +1,7 @@
 //! The extended Kalman filter over a flight: propagates through the law, learns from measurements, and is reset by ground, ceiling and
 //! hands.
 
+use bench_plant::effects::Axis;
 use bench_rig::Rig;
 
 use crate::{
@@ -8,7 +9,6 @@ use crate::{
         CARRIED_M_S, Covariance, State, Transition, initial_covariance, lift_off_covariance,
         predicted_variance, reset_covariance, stop_covariance, update_along, update_by_altitude,
     },
-    direction::AXES,
     law::{Law, Point},
     measurement::{AltitudeMeasurement, Scored},
     noise::Noise,
@@ -138,7 +138,7 @@ impl Filter {
             self.law.advance(AT_REST_S, 0.0, 0.0);
             passengers.propagated(&self.held(AT_REST_S, throttle));
         }
-        let late = self.law.latency_s - rig.tracker.latency_s.value;
+        let late = self.law.view.latency_s - rig.tracker.latency_s.value;
         let feels = self.noise.velocity_m_s.max(self.noise.acceleration_m_s2) > 0.0;
         let mut felt = if feels && learns_from == LearnsFrom::All { track.felt.as_slice() } else { &[] };
         for sighting in &track.sightings {
@@ -270,8 +270,8 @@ impl Filter {
         around.lagged_altitude_m += (self.x[0] - around.lagged_altitude_m) * settled(h / PAST_TIME_S);
     }
 
-    /// The quantities of [`crate::Axis::ALL`].
-    fn axes(&self) -> [f64; AXES] {
+    /// The quantities of [`Axis::ALL`].
+    fn axes(&self) -> [f64; Axis::COUNT] {
         let around = &self.around;
         let change = around.ratio - around.lagged_ratio;
         [
@@ -383,7 +383,7 @@ impl Filter {
         scored: Scored,
         before: (&State, &Covariance),
         gain: State,
-        axes: &[f64; AXES],
+        axes: &[f64; Axis::COUNT],
         passengers: &mut impl Passenger,
     ) {
         if self.counting {

@@ -1,9 +1,8 @@
 //! Innovations: what was measured less what was predicted.
 
-use crate::{
-    direction::AXES,
-    passenger::{Measured, Passenger, Updated},
-};
+use bench_plant::effects::Axis;
+
+use crate::passenger::{Measured, Passenger, Updated};
 
 /// One sighting held against its prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,8 +15,8 @@ pub struct Innovation {
     pub variance_m2: f64,
     /// Its share of the negative log-likelihood.
     pub nll: f64,
-    /// The quantities of [`crate::Axis::ALL`].
-    pub axes: [f64; AXES],
+    /// The quantities of [`Axis::ALL`].
+    pub axes: [f64; Axis::COUNT],
 }
 
 /// Every innovation that counts.

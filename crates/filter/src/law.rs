@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bench_device::Sticks;
 use bench_plant::{
-    effects::{Effects, LIBRARY, Parameter, Stage, resolve_all},
+    effects::{Effects, LIBRARY, Parameter, Stage, View, resolve_all},
     nominal::{Air, Forces, Nominal},
 };
 use bench_rig::{GRAVITY_M_S2, Rig};
@@ -200,39 +200,8 @@ pub struct Law {
     pub ceiling_m: f64,
     /// Cosine of the tilt, where it was measured.
     pub tilt_cos: f64,
-    /// How much later than the tracker believes an exposure was seen, s, the rig's latency included.
-    pub latency_s: f64,
-    /// How the tracker sees altitude.
+    /// How the tracker sees altitude, and how late.
     pub view: View,
-}
-
-/// How a tracker sees altitude: `factor z + bend z^2 + offset`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    factor: f64,
-    bend_per_m: f64,
-    offset_m: f64,
-}
-
-impl View {
-    /// Altitude as seen, m.
-    #[inline]
-    pub fn seen_m(&self, z_m: f64) -> f64 {
-        (self.factor + self.bend_per_m * z_m) * z_m + self.offset_m
-    }
-
-    /// Its derivative.
-    #[inline]
-    pub fn slope(&self, z_m: f64) -> f64 {
-        self.factor + 2.0 * self.bend_per_m * z_m
-    }
-
-    /// The altitude that is seen so, m.
-    pub fn altitude_m(&self, seen_m: f64) -> f64 {
-        let straight = (seen_m - self.offset_m) / self.factor;
-        // The bend is small: one step of Newton's.
-        straight - (self.seen_m(straight) - seen_m) / self.slope(straight)
-    }
 }
 
 impl Law {
@@ -267,20 +236,10 @@ impl Law {
             per_kg: mass_kg.recip(),
             free_thrust_n: 0.0,
             tilt_cos: 1.0,
-            latency_s: n[LATENCY],
-            view: View { factor: 1.0, bend_per_m: 0.0, offset_m: n[BIAS] },
+            view: View { factor: 1.0, bend_per_m: 0.0, offset_m: n[BIAS], latency_s: n[LATENCY] },
         };
         for (index, values) in point.acting() {
-            match LIBRARY[*index].name {
-                // A wait is never negative: jitter's mean adds to the latency.
-                "tracker-latency" | "tracker-jitter" => law.latency_s += values[0],
-                "tracker-scale" => {
-                    law.view.factor *= 1.0 + values[0];
-                    law.view.offset_m += values[1];
-                    law.view.bend_per_m += values[2];
-                }
-                _ => {}
-            }
+            (LIBRARY[*index].signature.view)(values, &mut law.view);
         }
         law
     }

@@ -1,6 +1,6 @@
 //! What disturbs the model and blurs the tracker, and the effects that are seen in this noise alone.
 
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, Shows, Spread};
 use bench_rig::{GRAVITY_M_S2, Rig};
 
 use crate::law::Point;
@@ -82,9 +82,6 @@ impl Noise {
     }
 }
 
-/// Names of the effects that are seen in the noise alone.
-const RANDOM: [&str; 5] = ["tracker-noise", "tracker-jitter", "tracker-dropout", "tracker-outliers", "gusts"];
-
 /// What is slower than this is a drift, not a gust, s.
 const LONGEST_GUST_S: f64 = 4.0;
 /// Share of wrong places beyond which they are no exception.
@@ -94,36 +91,46 @@ const OUTLIER_SIGMAS: f64 = 4.0;
 /// Spread of the charge drawn before a flight, minutes of hover.
 const DRAWN_BEFORE_MIN: f64 = 0.3;
 
-/// Whether an effect of the library is seen in the noise alone.
-pub fn is_random(effect: usize) -> bool {
-    RANDOM.contains(&LIBRARY[effect].name)
+/// The kind of spread in which an effect of the library is seen, if it is seen in noise alone.
+pub fn spread(effect: usize) -> Option<Spread> {
+    match LIBRARY[effect].signature.shows {
+        Shows::Spread(spread) => Some(spread),
+        _ => None,
+    }
 }
 
-/// Noise with what a point's random effects add.
+/// Whether an effect of the library is seen in the noise alone.
+pub fn is_random(effect: usize) -> bool {
+    spread(effect).is_some()
+}
+
+/// Noise with what a point's effects add.
 pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
     let mut noise = *noise;
     for (effect, values) in point.acting() {
-        match LIBRARY[*effect].name {
-            "tracker-noise" => noise.sighting_m = noise.sighting_m.hypot(values[0]),
-            "tracker-dropout" => [noise.stale_probability, noise.stale_frames] = [values[0], values[1]],
-            "tracker-jitter" => noise.jitter_s = noise.jitter_s.hypot(values[0]),
+        if LIBRARY[*effect].signature.fades {
+            // How full the battery was before the flight is not known.
+            noise.trim = noise.trim.hypot(GRAVITY_M_S2 * values[0] * DRAWN_BEFORE_MIN);
+        }
+        match spread(*effect) {
+            Some(Spread::MeasurementNoise) => noise.sighting_m = noise.sighting_m.hypot(values[0]),
+            Some(Spread::LostFrames) => {
+                [noise.stale_probability, noise.stale_frames] = [values[0], values[1]]
+            }
+            Some(Spread::LateFrames) => noise.jitter_s = noise.jitter_s.hypot(values[0]),
             // Wrong places are few, and far off against the noise: else it is noise.
-            "tracker-outliers" => {
+            Some(Spread::WrongPlaces) => {
                 noise.outlier_probability = (noise.outlier_probability + values[0]).min(MOST_OUTLIERS);
                 noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.sighting_m).max(noise.outlier_m);
             }
-            // How full the battery was before the flight is not known.
-            "battery-discharge" => {
-                noise.trim = noise.trim.hypot(GRAVITY_M_S2 * values[0] * DRAWN_BEFORE_MIN);
-            }
-            "gusts" => {
+            Some(Spread::Turbulence) => {
                 // Wind of deviation sigma acts through the drag.
                 let [sigma_m_s, correlation_s] = [values[0], values[1].min(LONGEST_GUST_S)];
                 let per_wind = rig.airframe.drag_n_s_per_m.value / rig.airframe.mass_kg.value;
                 noise.turbulence = noise.turbulence.hypot(sigma_m_s * per_wind);
                 noise.turbulence_time_s = correlation_s;
             }
-            _ => {}
+            None => {}
         }
     }
     noise

@@ -1,8 +1,9 @@
 //! What goes along with the filter: it hears each step, measurement and reset, and never changes the filter.
 
+use bench_plant::effects::Axis;
+
 use crate::{
     covariance::{Covariance, State, Transition},
-    direction::AXES,
     law::Law,
     measurement::{AltitudeMeasurement, Scored},
     track::Sighting,
@@ -44,8 +45,8 @@ pub(crate) struct Flown<'a> {
     pub transition: &'a Transition,
     /// Whether the ground effect's kink makes the model uncertain.
     pub near_ground: bool,
-    /// The quantities of [`crate::Axis::ALL`].
-    pub axes: &'a [f64; AXES],
+    /// The quantities of [`Axis::ALL`].
+    pub axes: &'a [f64; Axis::COUNT],
 }
 
 /// A measurement that the filter has learnt from.
@@ -63,8 +64,8 @@ pub(crate) struct Updated<'a> {
     pub after: (&'a State, &'a Covariance),
     /// By how much the state moves for each unit of what it learns from.
     pub gain: State,
-    /// The quantities of [`crate::Axis::ALL`] before.
-    pub axes: &'a [f64; AXES],
+    /// The quantities of [`Axis::ALL`] before.
+    pub axes: &'a [f64; Axis::COUNT],
 }
 
 /// What was measured.

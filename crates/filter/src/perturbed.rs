@@ -1,11 +1,12 @@
 //! Models a little otherwise, each in one direction: how far their states lie aside, and what of it the innovations feel.
 
+use bench_plant::effects::Axis;
 use bench_rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
 use crate::{
     covariance::State,
-    direction::{AXES, Axis, Direction, Hat, Seen},
+    direction::{Direction, Hat, Seen},
     law::{Law, Point, Reach},
     passenger::{Measured, Passenger, Propagated, Reset, Updated},
     pins::dragged,
@@ -178,7 +179,7 @@ impl Source {
 
     /// Acceleration that it adds, per unit, at an altitude and speed where the law's is `force`.
     #[inline]
-    fn push(&self, [z, v]: [f64; 2], force: f64, axes: &[f64; AXES]) -> f64 {
+    fn push(&self, [z, v]: [f64; 2], force: f64, axes: &[f64; Axis::COUNT]) -> f64 {
         match self {
             Self::Law(_, _, Reach::Sight) | Self::Seen(_) => 0.0,
             Self::Law(law, inverse_step, _) => (law.acceleration_m_s2(z, v) - force) * inverse_step,
@@ -204,7 +205,7 @@ impl PerturbedModel {
                 let factor = of.factor;
                 let shift = match &self.source {
                     Source::Law(law, inverse_step, _) => {
-                        let later_s = law.latency_s - update.law.latency_s;
+                        let later_s = law.view.latency_s - update.law.view.latency_s;
                         (law.view.seen_m(z) - predicted_m - later_s * v * factor) * inverse_step
                     }
                     Source::Hat(_) | Source::Wave(..) | Source::Steady | Source::Play(_) => 0.0,
@@ -245,7 +246,7 @@ impl PerturbedModel {
                 let altitude = match &self.source {
                     // Whatever is believed of tracker and latency, it was seen here.
                     Source::Law(law, inverse_step, _) => {
-                        let later_s = law.latency_s - own.latency_s;
+                        let later_s = law.view.latency_s - own.view.latency_s;
                         let seen = law.view.seen_m(*z) - own.view.seen_m(*z);
                         (later_s * v - seen / own.view.slope(*z)) * inverse_step
                     }

@@ -1,8 +1,9 @@
 //! The smoother: what was known at each sighting, given the whole flight.
 
+use bench_plant::effects::Axis;
+
 use crate::{
     covariance::{Covariance, IDENTITY, State},
-    direction::Axis,
     passenger::{Measured, Passenger, Propagated, Reset, Updated},
 };
 

@@ -482,7 +482,7 @@ fn fly(
 ) -> Vec<f64> {
     let mut law = Law::new(point, problem.rig);
     let mut air = rng.map(|rng| Air::new(problem.noise, rng));
-    let late = law.latency_s - problem.rig.tracker.latency_s.value;
+    let late = law.view.latency_s - problem.rig.tracker.latency_s.value;
     let view = law.view;
     let (mut z, mut v) = (0.0_f64, 0.0_f64);
     let mut now = track.begin_s;

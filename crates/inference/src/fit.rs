@@ -610,9 +610,6 @@ pub fn directions(free: &[Free], point: &Point) -> Vec<Direction> {
     free.iter().map(|f| Direction::Coordinate(f.at, f.step(point.get(f.at)))).collect()
 }
 
-/// A sag that takes longer to recover is told as discharge, s.
-const SLOWEST_SAG_S: f64 = 4.0;
-
 /// The coordinates of one effect.
 pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<Item = Free> {
     LIBRARY[effect].parameters.iter().enumerate().map(move |(parameter, p)| {
@@ -620,11 +617,8 @@ pub(crate) fn effect_coordinates(slot: usize, effect: usize) -> impl Iterator<It
             Prior::Normal { mean, sigma } => (false, mean, sigma),
             Prior::LogNormal { median, sigma_ln } => (true, median.ln(), sigma_ln),
         };
-        let most = if (LIBRARY[effect].name, p.key) == ("battery-load", "time_constant_s") {
-            SLOWEST_SAG_S
-        } else {
-            p.max
-        };
+        let limits = LIBRARY[effect].signature.fitted_up_to;
+        let most = limits.iter().find(|(key, _)| *key == p.key).map_or(p.max, |(_, most)| *most);
         Free { at: Coordinate::Effect { slot, parameter }, logarithmic, mean, sigma, range: (p.min, most) }
     })
 }

@@ -1,7 +1,7 @@
 //! Fits of effects that are seen in the spread of sightings alone: they change the filter's noise, not its prediction.
 
-use bench_filter::{Noise, Point};
-use bench_plant::effects::LIBRARY;
+use bench_filter::{Noise, Point, spread};
+use bench_plant::effects::{LIBRARY, Spread};
 
 use crate::fit::{Fit, Free, Problem, effect_coordinates, every_choice};
 
@@ -70,10 +70,11 @@ pub fn fit_beside(problem: &Problem<'_>, base: &Fit, first: &Fit, other: usize) 
 
 /// Whether wrong places lie so near that they are but the tails of more noise, which is never quite normal.
 fn only_tails(fit: &Fit) -> bool {
-    let values = |name: &str| {
-        fit.point.effects.iter().find(|(effect, _)| LIBRARY[*effect].name == name).map(|(_, values)| values)
+    let values = |kind: Spread| {
+        fit.point.effects.iter().find(|(effect, _)| spread(*effect) == Some(kind)).map(|(_, values)| values)
     };
-    let (Some(noise), Some(outliers)) = (values("tracker-noise"), values("tracker-outliers")) else {
+    let (Some(noise), Some(outliers)) = (values(Spread::MeasurementNoise), values(Spread::WrongPlaces))
+    else {
         return false;
     };
     outliers[1] < TAIL_SIGMAS * noise[0].hypot(fit.noise.sighting_m)
@@ -146,11 +147,11 @@ impl<'a> OnTop<'a> {
     fn coarse(&self, base: &Fit, effect: usize) -> Option<(Noise, Vec<f64>)> {
         // The base's noise was bent to do the effect's work: from what was thought of it before.
         let usual = self.problem.noise;
-        let noises = match LIBRARY[effect].name {
-            "gusts" => vec![Noise { turbulence: usual.turbulence, ..base.noise }],
-            "tracker-jitter" => vec![base.noise],
+        let noises = match spread(effect) {
+            Some(Spread::Turbulence) => vec![Noise { turbulence: usual.turbulence, ..base.noise }],
+            Some(Spread::LateFrames) => vec![base.noise],
             // Readings that are held look like air that is still, and then like a blow.
-            "tracker-dropout" => {
+            Some(Spread::LostFrames) => {
                 let before =
                     Noise { turbulence: usual.turbulence, sighting_m: usual.sighting_m, ..base.noise };
                 vec![base.noise, before]

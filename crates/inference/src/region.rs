@@ -5,9 +5,9 @@
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
 use bench_filter::{
-    Axis, Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, is_random, run, run_for,
+    Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, is_random, run, run_for,
 };
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{Axis, LIBRARY};
 use bench_statistics::evenly_in_log;
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
@@ -76,22 +76,13 @@ impl Waves {
 
 /// Quantities along which another form of an effect's law would show.
 pub fn own_axes(effect: usize) -> &'static [Axis] {
-    match LIBRARY[effect].name {
-        "tracker-scale" | "ground-effect-shape" | "ceiling-effect" | "updraft" => &[Axis::Altitude],
-        "ground-effect-dynamic" => &[Axis::Altitude, Axis::Speed, Axis::Past],
-        "actuator-lag" | "rotor-lag" => &[Axis::ThrustChange],
-        "thrust-curve" | "thrust-loss" => &[Axis::ThrustToWeight],
-        "battery-discharge" => &[Axis::Charge, Axis::Time, Axis::Voltage],
-        "battery-load" => &[Axis::ThrustToWeight, Axis::ThrustChange, Axis::Voltage],
-        "quadratic-drag" | "descent-thrust-loss" | "inflow-damping" => &[Axis::Speed],
-        _ => &[],
-    }
+    LIBRARY[effect].signature.axes
 }
 
 /// Whether the one law of a fit, beside noise, is one that only fades.
 fn only_fading(fit: &Fit) -> bool {
     let mut laws = fit.effects().into_iter().filter(|effect| !is_random(*effect));
-    laws.next().is_some_and(|law| LIBRARY[law].name == "battery-discharge") && laws.next().is_none()
+    laws.next().is_some_and(|law| LIBRARY[law].signature.fades) && laws.next().is_none()
 }
 
 const KNOTS: usize = 6;

@@ -1,7 +1,7 @@
 //! Which hypotheses are fitted: none, every effect, and pairs built forward on the best.
 
-use bench_filter::{Point, Track, is_random};
-use bench_plant::effects::{LIBRARY, index_of};
+use bench_filter::{Point, Track, is_random, spread};
+use bench_plant::effects::{LIBRARY, Shows, Spread};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -11,27 +11,6 @@ use crate::{
     random,
     settle::settle,
 };
-
-/// Effects whose law acts on altitude or on the tracker's view of it. The others show directly in readbacks, ticks and
-/// frames, or as noise.
-const FITTED: [&str; 16] = [
-    "tracker-latency",
-    "tracker-scale",
-    "actuator-lag",
-    "rotor-lag",
-    "thrust-curve",
-    "thrust-loss",
-    "battery-discharge",
-    "battery-load",
-    "ground-effect-shape",
-    "ground-effect-dynamic",
-    "ceiling-effect",
-    "updraft",
-    "mass-change",
-    "quadratic-drag",
-    "descent-thrust-loss",
-    "inflow-damping",
-];
 
 /// Cosine of a tilt that would show, if vertical thrust were not kept up in it.
 const TILTED: f64 = 0.995;
@@ -52,9 +31,14 @@ pub struct Search {
     pub fits: Vec<Fit>,
 }
 
-/// Library indices of the effects that the filter can fit.
+/// Library indices of the effects that flights show in this way.
+fn shown_as(shows: Shows) -> impl Iterator<Item = usize> {
+    (0..LIBRARY.len()).filter(move |effect| LIBRARY[*effect].signature.shows == shows)
+}
+
+/// Library indices of the effects that the filter can fit to any flight, in the library's order.
 pub fn fitted_effects() -> Vec<usize> {
-    FITTED.iter().filter_map(|name| index_of(name)).collect()
+    shown_as(Shows::Law).collect()
 }
 
 impl Search {
@@ -72,15 +56,14 @@ impl Search {
         };
         let mut effects = fitted_effects();
         if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
-            effects.extend(index_of("tilt-loss"));
+            effects.extend(shown_as(Shows::LawWhenTilted));
         }
         // Where frames keep a clock, what is late or lost shows in their arrivals or nowhere.
         let clocked = problem.tracks.iter().any(|track| !track.waits_s.is_empty());
+        let in_arrivals =
+            |effect: &usize| matches!(spread(*effect), Some(Spread::LateFrames | Spread::LostFrames));
         let random: Vec<usize> = (0..LIBRARY.len())
-            .filter(|effect| {
-                is_random(*effect)
-                    && !(clocked && ["tracker-jitter", "tracker-dropout"].contains(&LIBRARY[*effect].name))
-            })
+            .filter(|effect| is_random(*effect) && !(clocked && in_arrivals(effect)))
             .collect();
         let mut singles = match guide {
             None => {

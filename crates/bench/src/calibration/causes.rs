@@ -1,6 +1,6 @@
 //! What a calibration plants in flights: the mix of `docs/results/diagnosis.md`, which `tools/diagnosis` draws.
 
-use bench_plant::effects::{EffectSpec, LIBRARY, Parameter, Prior};
+use bench_plant::effects::{EffectSpec, LIBRARY, Parameter, Prior, Shows, Spread};
 use bench_rig::{EffectEntry, Location, Rig};
 use rand::{Rng, RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -11,8 +11,6 @@ use super::{FIRST_WITH_CAUSES, TURBULENCE_M_S, log_uniform};
 /// Shares of the cases; the rest have two effects.
 const NONE_SHARE: f64 = 0.25;
 const SINGLE_SHARE: f64 = 7.0 / 12.0;
-/// Without sideways motion nothing tilts: vertical flights do not show it.
-const NEVER_SEEN: &str = "tilt-loss";
 /// Below this thrust to weight nothing takes off, and above that nothing comes down: there is no flight to diagnose.
 const LEAST_THRUST_TO_WEIGHT: f64 = 1.03;
 const MOST_FLOOR_TO_WEIGHT: f64 = 0.97;
@@ -22,8 +20,10 @@ const MOST_FLOOR_TO_WEIGHT: f64 = 0.97;
 pub fn planned(rig: &Rig, cases: usize) -> Vec<Vec<EffectEntry>> {
     let mut rng = ChaCha8Rng::seed_from_u64(FIRST_WITH_CAUSES);
     let known = |name: &str| rig.effects.iter().any(|effect| effect.name == name);
+    // Vertical flights never tilt.
+    let shown = |spec: &EffectSpec| spec.signature.shows != Shows::LawWhenTilted;
     let mut library: Vec<&EffectSpec> =
-        LIBRARY.into_iter().filter(|spec| spec.name != NEVER_SEEN && !known(spec.name)).collect();
+        LIBRARY.iter().copied().filter(|spec| shown(spec) && !known(spec.name)).collect();
     let share = |share: f64| (share * cases as f64).round() as usize;
     let (none, single) = (share(NONE_SHARE), share(SINGLE_SHARE));
     let mut causes: Vec<Vec<&EffectSpec>> = vec![Vec::new(); none];
@@ -45,11 +45,8 @@ pub fn planned(rig: &Rig, cases: usize) -> Vec<Vec<EffectEntry>> {
 /// An effect, from invisible to plain.
 fn drawn(rng: &mut impl Rng, spec: &EffectSpec) -> EffectEntry {
     let parameters = spec.parameters.iter().map(|parameter| {
-        let value = if parameter.default.is_some() {
-            form(rng, parameter.prior)
-        } else {
-            size(rng, spec.name, parameter)
-        };
+        let value =
+            if parameter.default.is_some() { form(rng, parameter.prior) } else { size(rng, spec, parameter) };
         let most = if parameter.key == "low_thrust_to_weight" { MOST_FLOOR_TO_WEIGHT } else { parameter.max };
         (parameter.key.to_owned(), value.clamp(parameter.min, most), 0)
     });
@@ -70,7 +67,7 @@ fn form(rng: &mut impl Rng, prior: Prior) -> f64 {
 }
 
 /// A size is drawn evenly in the logarithm.
-fn size(rng: &mut impl Rng, effect: &str, parameter: &Parameter) -> f64 {
+fn size(rng: &mut impl Rng, spec: &EffectSpec, parameter: &Parameter) -> f64 {
     let (median, sigma_ln) = match parameter.prior {
         Prior::Normal { mean, sigma } => {
             let sign = if rng.random() { 1.0 } else { -1.0 };
@@ -83,7 +80,9 @@ fn size(rng: &mut impl Rng, effect: &str, parameter: &Parameter) -> f64 {
         // What only shapes the effect.
         None => log_uniform(rng, at(-1.0), at(1.0)),
         Some(0.0) => {
-            let least = if effect == "gusts" { TURBULENCE_M_S.1 } else { at(-2.0).min(median / 10.0) };
+            // Every flight has some wind: a cause is more than that.
+            let blows = spec.signature.shows == Shows::Spread(Spread::Turbulence);
+            let least = if blows { TURBULENCE_M_S.1 } else { at(-2.0).min(median / 10.0) };
             log_uniform(rng, least, at(1.5))
         }
         // A limit, which is stronger the lower it is.
@@ -140,7 +139,7 @@ mod tests {
         let mut rig = rig();
         rig.effects.push(parse_effect("mass-change:fraction=0.05").unwrap());
         assert!(planned(&rig, 300).iter().flatten().all(|effect| effect.name != "mass-change"));
-        for spec in LIBRARY.iter().filter(|spec| spec.name != NEVER_SEEN) {
+        for spec in LIBRARY.iter().filter(|spec| spec.signature.shows != Shows::LawWhenTilted) {
             rig.effects.push(parse_effect(&spec.example()).unwrap());
         }
         assert!(planned(&rig, 300).iter().all(Vec::is_empty));

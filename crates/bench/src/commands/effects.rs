@@ -76,6 +76,10 @@ fn in_full(spec: &EffectSpec) -> String {
                 .map_or_else(|| format!("typically {}", p.prior.typical()), |x| format!("{x} if left out"))
         );
     }
+    let _ = writeln!(out, "  shows in {}", spec.signature.shows.words());
+    if !spec.signature.confounded_with.is_empty() {
+        let _ = writeln!(out, "  alike    {}", spec.signature.confounded_with.join(", "));
+    }
     out + &format!("  example  bench sim --effect {}\n", spec.example())
 }
 
@@ -103,6 +107,8 @@ fn as_json(spec: &EffectSpec) -> Value {
         "summary": spec.summary,
         "law": spec.law,
         "source": spec.source,
+        "shows_in": spec.signature.shows.words(),
+        "confounded_with": spec.signature.confounded_with,
         "parameters": parameters,
         "example": spec.example(),
     })

@@ -3,7 +3,7 @@
 use bench_device::Sticks;
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Reading, Signature, Stage};
 
 /// All four sticks pass a play operator.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -22,6 +22,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature { reading: Some(Reading::PinHysteresis), ..Signature::READING },
     build,
 };
 

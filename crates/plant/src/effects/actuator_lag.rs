@@ -4,7 +4,7 @@ use bench_device::Sticks;
 use bench_rig::Airframe;
 
 use super::{
-    Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
+    Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Reading, Signature, Stage,
     lag::{SECOND_ORDER, TwoLags},
 };
 
@@ -28,6 +28,13 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         },
         SECOND_ORDER,
     ],
+    signature: Signature {
+        axes: &[Axis::ThrustChange],
+        reading: Some(Reading::PinLag),
+        lag: true,
+        confounded_with: &["tracker-latency", "rotor-lag"],
+        ..Signature::LAW
+    },
     build,
 };
 

@@ -3,7 +3,7 @@
 use bench_device::Sticks;
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Reading, Signature, Stage};
 
 /// Sticks come in steps, counted from where each rests.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -22,6 +22,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature { reading: Some(Reading::PinSteps), ..Signature::READING },
     build,
 };
 

@@ -3,7 +3,7 @@
 use bench_device::Sticks;
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Reading, Signature, Stage};
 
 /// Throttle beyond a limit does nothing, nor, where there is one, below a floor; the stick at its end stops the motors.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -34,6 +34,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature { reading: Some(Reading::PinLimit), ..Signature::READING },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::mean_decay};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, lag::mean_decay};
 
 /// Thrust falls in proportion to the charge drawn.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -33,6 +33,12 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature {
+        axes: &[Axis::Charge, Axis::Time, Axis::Voltage],
+        fades: true,
+        confounded_with: &["battery-load"],
+        ..Signature::LAW
+    },
     build,
 };
 

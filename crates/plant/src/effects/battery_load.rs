@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::Lag};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, lag::Lag};
 
 /// Thrust falls with the current drawn of late.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -43,6 +43,13 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature {
+        axes: &[Axis::ThrustToWeight, Axis::ThrustChange, Axis::Voltage],
+        // A sag that takes longer to recover is one of charge.
+        fitted_up_to: &[("time_constant_s", 4.0)],
+        confounded_with: &["battery-discharge"],
+        ..Signature::LAW
+    },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, power};
 use crate::nominal::Air;
 
 /// Thrust grows exponentially towards a surface above, which stops the airframe.
@@ -54,6 +54,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(1.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Altitude], ..Signature::LAW },
     build,
 };
 

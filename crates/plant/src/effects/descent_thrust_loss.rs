@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, power};
 use crate::nominal::Air;
 
 /// Thrust is lost in descent, smoothly from none at rest to a fraction beyond a speed.
@@ -64,6 +64,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Speed], ..Signature::LAW },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::mean_decay};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, lag::mean_decay};
 use crate::nominal::{Air, Nominal};
 
 /// The extra thrust of the ground effect lags its static value.
@@ -44,6 +44,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Altitude, Axis::Speed, Axis::Past], ..Signature::LAW },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage};
 use crate::nominal::{Air, Nominal};
 
 /// The nominal straight line to a height becomes a power of one: from a line to another height to an exponential.
@@ -44,6 +44,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(1.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Altitude], ..Signature::LAW },
     build,
 };
 

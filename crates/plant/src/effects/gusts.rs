@@ -4,7 +4,7 @@ use bench_rig::Airframe;
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Spread, Stage};
 use crate::nominal::Air;
 
 /// Three components of wind, each an Ornstein-Uhlenbeck process, act through the nominal drag.
@@ -36,6 +36,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: None,
         },
     ],
+    signature: Signature::spread(Spread::Turbulence),
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, lag::Lag};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, lag::Lag};
 use crate::nominal::Air;
 
 /// Thrust falls with climb speed, in proportion to rotor speed.
@@ -34,6 +34,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Speed], ..Signature::LAW },
     build,
 };
 

@@ -4,7 +4,7 @@ use bench_rig::Airframe;
 use rand::RngExt;
 use rand_distr::{Distribution, Exp1};
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Reading, Signature, Stage};
 
 /// A share of the iterations starts late.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -35,6 +35,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: None,
         },
     ],
+    signature: Signature { reading: Some(Reading::LateIterations), ..Signature::READING },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage};
 
 /// The mass differs from the nominal one.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -21,6 +21,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature { confounded_with: &["thrust-loss"], ..Signature::LAW },
     build,
 };
 

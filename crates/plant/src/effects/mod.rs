@@ -1,6 +1,7 @@
 //! What the nominal model lacks: one file an effect, each with its law, parameters, source and test.
 //!
-//! To add an effect, add a file with a `SPEC` and name it in [`LIBRARY`]. An effect implements the hooks of [`Effect`]
+//! To add an effect, add a file with a `SPEC` and name it in `library.rs`, or [`Library::register`] it from elsewhere: the
+//! spec holds all that simulation, diagnosis and reports know of it. An effect implements the hooks of [`Effect`]
 //! for the stage in which it acts; the others do nothing.
 //!
 //! Hooks that advance a state take the time step (longer than zero) and return values averaged over it, exactly where
@@ -21,10 +22,12 @@ mod ground_effect_shape;
 mod gusts;
 mod inflow_damping;
 mod lag;
+mod library;
 mod loop_overrun;
 mod mass_change;
 mod quadratic_drag;
 mod rotor_lag;
+mod signature;
 mod spec;
 mod thrust_curve;
 mod thrust_loss;
@@ -44,42 +47,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::nominal::Air;
+pub use library::{LIBRARY, Library, RegisterError, index_of, read_as};
+pub use signature::{Axis, Reading, RigNumber, Shows, Signature, Spread, View};
 pub use spec::{EffectError, EffectSpec, Parameter, Prior, Stage, parse_effect, resolve_all};
-
-/// Where an effect stands in the [`LIBRARY`].
-pub fn index_of(name: &str) -> Option<usize> {
-    LIBRARY.iter().position(|spec| spec.name == name)
-}
-
-/// Every effect the bench knows, by stage from the tracker to the airframe. Those listed in a rig act in this order.
-pub static LIBRARY: [&EffectSpec; 26] = [
-    &tracker_latency::SPEC,
-    &tracker_jitter::SPEC,
-    &tracker_scale::SPEC,
-    &tracker_noise::SPEC,
-    &tracker_dropout::SPEC,
-    &tracker_outliers::SPEC,
-    &loop_overrun::SPEC,
-    &actuator_lag::SPEC,
-    &actuator_saturation::SPEC,
-    &actuator_quantisation::SPEC,
-    &actuator_backlash::SPEC,
-    &rotor_lag::SPEC,
-    &thrust_curve::SPEC,
-    &thrust_loss::SPEC,
-    &battery_discharge::SPEC,
-    &battery_load::SPEC,
-    &ground_effect_shape::SPEC,
-    &ground_effect_dynamic::SPEC,
-    &ceiling_effect::SPEC,
-    &gusts::SPEC,
-    &updraft::SPEC,
-    &mass_change::SPEC,
-    &quadratic_drag::SPEC,
-    &descent_thrust_loss::SPEC,
-    &inflow_damping::SPEC,
-    &tilt_loss::SPEC,
-];
 
 /// One source of random numbers an effect, so that switching one on does not change the others' draws.
 pub type EffectRng = ChaCha8Rng;

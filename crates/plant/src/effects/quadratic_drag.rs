@@ -3,7 +3,7 @@
 use bench_rig::Airframe;
 use nalgebra::Vector3;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage, power};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage, power};
 use crate::nominal::Air;
 
 /// Drag with the square of speed, on top of the linear drag.
@@ -35,6 +35,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(2.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Speed], ..Signature::LAW },
     build,
 };
 

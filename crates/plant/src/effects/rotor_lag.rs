@@ -3,7 +3,7 @@
 use bench_rig::Airframe;
 
 use super::{
-    Effect, EffectRng, EffectSpec, Parameter, Prior, Stage,
+    Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage,
     lag::{SECOND_ORDER, TwoLags},
 };
 
@@ -37,6 +37,12 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         },
         SECOND_ORDER,
     ],
+    signature: Signature {
+        axes: &[Axis::ThrustChange],
+        lag: true,
+        confounded_with: &["tracker-latency", "actuator-lag"],
+        ..Signature::LAW
+    },
     build,
 };
 

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use bench_rig::{Airframe, EffectEntry, Location};
 use thiserror::Error;
 
-use super::{Effect, EffectRng, LIBRARY};
+use super::{Effect, EffectRng, LIBRARY, Signature};
 
 /// The part of the loop in which an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -102,6 +102,8 @@ pub struct EffectSpec {
     pub source: &'static str,
     /// Its numbers.
     pub parameters: &'static [Parameter],
+    /// How flights show it.
+    pub signature: Signature,
     /// Makes one from values in the order of `parameters`.
     pub build: fn(&[f64], &Airframe, EffectRng) -> Box<dyn Effect>,
 }

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage};
 
 /// Thrust bends about the hover point.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -33,6 +33,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature { axes: &[Axis::ThrustToWeight], smooth: true, ..Signature::LAW },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage};
 
 /// A constant fraction of the thrust is missing.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -21,6 +21,11 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature {
+        axes: &[Axis::ThrustToWeight],
+        confounded_with: &["mass-change"],
+        ..Signature::LAW
+    },
     build,
 };
 

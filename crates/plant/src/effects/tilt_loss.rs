@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Shows, Signature, Stage};
 use crate::nominal::Air;
 
 /// Vertical thrust is lost in tilt.
@@ -22,6 +22,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature { shows: Shows::LawWhenTilted, ..Signature::LAW },
     build,
 };
 

@@ -3,7 +3,7 @@
 use bench_rig::Airframe;
 use rand::RngExt;
 
-use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Reading, Signature, Spread, Stage};
 
 /// Frames are lost in bursts: a Markov chain with two states.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -34,6 +34,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: None,
         },
     ],
+    signature: Signature { reading: Some(Reading::LostFrames), ..Signature::spread(Spread::LostFrames) },
     build,
 };
 

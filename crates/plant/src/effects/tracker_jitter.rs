@@ -3,7 +3,7 @@
 use bench_rig::Airframe;
 use rand_distr::{Distribution, Exp1};
 
-use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Reading, Signature, Spread, Stage};
 
 /// Each frame waits for an exponentially distributed time of its own.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -22,6 +22,12 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature {
+        // A wait is never negative: its mean adds to the latency.
+        view: |values, view| view.latency_s += values[0],
+        reading: Some(Reading::LateFrames),
+        ..Signature::spread(Spread::LateFrames)
+    },
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Reading, RigNumber, Signature, Stage};
 
 /// Each frame arrives later by a constant.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -21,6 +21,14 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature {
+        view: |values, view| view.latency_s += values[0],
+        reading: Some(Reading::Latency),
+        adds_to: &[(RigNumber::Latency, 0)],
+        lag: true,
+        confounded_with: &["actuator-lag", "rotor-lag"],
+        ..Signature::LAW
+    },
     build,
 };
 

@@ -4,7 +4,7 @@ use bench_rig::Airframe;
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Signature, Spread, Stage};
 
 /// White Gaussian noise on each axis, on top of the nominal noise.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -23,6 +23,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
         neutral: Some(0.0),
         default: None,
     }],
+    signature: Signature::spread(Spread::MeasurementNoise),
     build,
 };
 

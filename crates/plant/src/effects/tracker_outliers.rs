@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
+use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Signature, Spread, Stage};
 
 /// A share of the frames shows a wrong place.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -36,6 +36,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: None,
         },
     ],
+    signature: Signature::spread(Spread::WrongPlaces),
     build,
 };
 

@@ -2,7 +2,7 @@
 
 use bench_rig::Airframe;
 
-use super::{Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, Stage};
+use super::{Axis, Effect, EffectRng, EffectSpec, Frame, Parameter, Prior, RigNumber, Signature, Stage};
 
 /// Positions are stretched about the origin, and altitude is offset.
 pub(super) static SPEC: EffectSpec = EffectSpec {
@@ -43,6 +43,16 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature {
+        axes: &[Axis::Altitude],
+        view: |values, view| {
+            view.factor *= 1.0 + values[0];
+            view.offset_m += values[1];
+            view.bend_per_m += values[2];
+        },
+        adds_to: &[(RigNumber::Origin, 1)],
+        ..Signature::LAW
+    },
     build,
 };
 

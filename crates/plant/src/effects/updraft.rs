@@ -3,7 +3,7 @@
 use bench_rig::Airframe;
 use nalgebra::Vector3;
 
-use super::{Effect, EffectRng, EffectSpec, Parameter, Prior, Stage};
+use super::{Axis, Effect, EffectRng, EffectSpec, Parameter, Prior, Signature, Stage};
 use crate::nominal::Air;
 
 /// So much stronger, as a logarithm, a draught is nowhere than at the take-off surface: a room ends.
@@ -38,6 +38,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
+    signature: Signature { axes: &[Axis::Altitude], ..Signature::LAW },
     build,
 };
 

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use bench_plant::{
     body::Body,
-    effects::{Effects, Frame, LIBRARY, Prior},
+    effects::{Effects, Frame, LIBRARY, Prior, Reading, Shows, Spread, read_as},
 };
 use bench_rig::{Model, Rig};
 use nalgebra::Vector3;
@@ -41,7 +41,7 @@ fn the_library_is_the_taxonomy_in_its_order() {
 
 #[test]
 fn every_parameter_has_one_key_a_range_that_holds_its_typical_and_neutral_values_and_a_proper_prior() {
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter().copied() {
         let keys: HashSet<_> = spec.parameters.iter().map(|p| p.key).collect();
         assert_eq!(keys.len(), spec.parameters.len(), "{}", spec.name);
         assert!(spec.parameters.iter().any(|p| p.neutral.is_some()), "{} can vanish", spec.name);
@@ -57,6 +57,43 @@ fn every_parameter_has_one_key_a_range_that_holds_its_typical_and_neutral_values
                 }
             }
         }
+    }
+}
+
+#[test]
+fn what_a_row_says_of_its_effect_names_parameters_and_effects_that_are_there() {
+    for spec in LIBRARY.iter() {
+        let (name, row) = (spec.name, &spec.signature);
+        for (key, most) in row.fitted_up_to {
+            let p = spec.parameters.iter().find(|p| p.key == *key).expect(name);
+            assert!((p.min..=p.max).contains(most), "{name}: {key}");
+        }
+        assert!(row.adds_to.iter().all(|(_, parameter)| *parameter < spec.parameters.len()), "{name}");
+        for other in row.confounded_with {
+            let other = LIBRARY.iter().find(|spec| spec.name == *other).expect(name);
+            assert!(other.signature.confounded_with.contains(&name), "{name} and {}", other.name);
+        }
+        if let Shows::Spread(spread) = row.shows {
+            let meant = match spread {
+                Spread::MeasurementNoise | Spread::LateFrames => 1,
+                Spread::Turbulence | Spread::LostFrames | Spread::WrongPlaces => 2,
+            };
+            assert_eq!(spec.parameters.len(), meant, "{name}");
+        }
+    }
+}
+
+#[test]
+fn every_direct_reading_is_of_one_effect() {
+    use Reading::{
+        LateFrames, LateIterations, Latency, LostFrames, PinHysteresis, PinLag, PinLimit, PinSteps,
+    };
+    for reading in
+        [PinLag, PinLimit, PinSteps, PinHysteresis, LateIterations, LostFrames, LateFrames, Latency]
+    {
+        let read = LIBRARY.iter().filter(|spec| spec.signature.reading == Some(reading)).count();
+        assert_eq!(read, 1, "{reading:?}");
+        assert_eq!(LIBRARY[read_as(reading)].signature.reading, Some(reading));
     }
 }
 
@@ -103,7 +140,7 @@ fn frames_and_timing(effects: &mut Effects) -> Vec<f64> {
 fn neutral_values_leave_everything_as_it_is_to_the_last_bit() {
     for model in [Model::Vertical, Model::SixDegree] {
         let nominal = everything_seen(&rig(model), 0.005);
-        for spec in LIBRARY {
+        for spec in LIBRARY.iter().copied() {
             let values: Vec<_> =
                 spec.parameters.iter().map(|p| p.neutral.unwrap_or(p.prior.typical())).collect();
             let mut rig = rig(model);
@@ -116,7 +153,7 @@ fn neutral_values_leave_everything_as_it_is_to_the_last_bit() {
 #[test]
 fn typical_values_can_be_seen() {
     let nominal = everything_seen(&rig(Model::SixDegree), 0.005);
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter().copied() {
         let mut rig = rig(Model::SixDegree);
         rig.effects.push(entry(spec, &typical(spec)));
         assert_ne!(everything_seen(&rig, 0.005), nominal, "{}", spec.name);
@@ -125,7 +162,7 @@ fn typical_values_can_be_seen() {
 
 #[test]
 fn the_ends_of_every_range_keep_a_hop_finite() {
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter().copied() {
         // Every combination of lowest and highest values.
         for ends in 0..1_u32 << spec.parameters.len() {
             let values: Vec<_> = spec
@@ -169,7 +206,7 @@ fn the_same_seed_draws_the_same_and_another_effect_does_not_disturb_it() {
 
 #[test]
 fn a_body_at_rest_stays_at_rest_under_every_typical_effect() {
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter().copied() {
         let mut rig = rig(Model::SixDegree);
         rig.effects.push(entry(spec, &typical(spec)));
         let mut flight = Flight::new(&rig);

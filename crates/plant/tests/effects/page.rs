@@ -24,12 +24,12 @@ fn the_page_shows_the_library() {
 
 fn library() -> String {
     let mut out = String::from("\n| effect | stage | what the nominal model lacks |\n| --- | --- | --- |\n");
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter().copied() {
         let EffectSpec { name, summary, .. } = spec;
         writeln!(out, "| [{name}](#{name}) | {} | {summary} |", spec.stage.name()).unwrap();
     }
     let mut stage = None;
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter().copied() {
         if stage != Some(spec.stage) {
             stage = Some(spec.stage);
             let name = spec.stage.name();
@@ -42,14 +42,20 @@ fn library() -> String {
 }
 
 fn section(spec: &EffectSpec) -> String {
-    let EffectSpec { name, summary, law, source, .. } = spec;
+    let EffectSpec { name, summary, law, source, signature, .. } = spec;
     let mut out = format!("\n### {name}\n\n{}{}.\n\n", summary[..1].to_uppercase(), &summary[1..]);
     write!(out, "```text\n{law}\n```\n\n").unwrap();
     out += "| parameter | unit | range | prior | none at | left out | meaning |\n| --- | --- | --- | --- | --- | --- | --- |\n";
     for parameter in spec.parameters {
         out += &row(parameter);
     }
-    write!(out, "\nSource: {source}.\n").unwrap();
+    write!(out, "\nShows in {}.", signature.shows.words()).unwrap();
+    if !signature.confounded_with.is_empty() {
+        let alike: Vec<_> =
+            signature.confounded_with.iter().map(|name| format!("[{name}](#{name})")).collect();
+        write!(out, " Ordinary flights hardly tell it from {}.", alike.join(" and ")).unwrap();
+    }
+    write!(out, " Source: {source}.\n").unwrap();
     out
 }
 
