@@ -6,8 +6,9 @@
 //! combination of estimates from different experiments, Biometrics 10, 1954) holds the spread of these against that variance and
 //! what may differ in one condition.
 
-use bench_filter::{BIAS, Coordinate, Point};
+use bench_filter::{Coordinate, Point};
 use bench_inference::{Fit, Free, Problem};
+use bench_plant::effects::RigNumber;
 use rayon::prelude::*;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -123,7 +124,7 @@ pub fn disagreement(
 /// tracker's origin and forms of laws.
 fn ordinary_spread(fit: &Fit, f: &Free) -> Option<f64> {
     match f.at {
-        Coordinate::Nuisance(BIAS) => None,
+        Coordinate::Nuisance(RigNumber::Origin) => None,
         Coordinate::Nuisance(_) => Some(f.sigma),
         Coordinate::Effect { slot, parameter } => {
             let shapes = fit.point.parameter(slot, parameter).default.is_some();

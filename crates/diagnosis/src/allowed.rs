@@ -2,7 +2,7 @@
 
 use bench_filter::{Coordinate, HORIZONS_S, Point, predict};
 use bench_inference::{Fit, Problem};
-use bench_plant::effects::LIBRARY;
+use bench_plant::effects::{LIBRARY, RigNumber};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -70,7 +70,8 @@ pub fn ahead(problem: &Problem<'_>, best: &Fit) -> Option<Ahead> {
     let (at_best, _) = squares(&best.point);
     // Where the model fits, errors are linear in the numbers: half the second difference of the mean square is what a
     // tolerance adds to it.
-    let tolerances: f64 = (0..problem.sigma.len())
+    let tolerances: f64 = RigNumber::ALL
+        .into_iter()
         .filter(|i| problem.sigma[*i] > 0.0)
         .map(|i| {
             let moved = |way: f64| {

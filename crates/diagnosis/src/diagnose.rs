@@ -2,7 +2,7 @@
 
 use bench_filter::{Point, Track};
 use bench_inference::{Fit, Problem, Regions, Search, fitted_effects};
-use bench_plant::effects::{Axis, LIBRARY, Stage, index_of};
+use bench_plant::effects::{Axis, LIBRARY, RigNumber, Stage, index_of};
 use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
@@ -474,7 +474,8 @@ fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
 
 fn numbers(problem: &Problem<'_>, null: &Fit) -> Vec<Number> {
     let names = Point::names(problem.rig);
-    (0..names.len())
+    RigNumber::ALL
+        .into_iter()
         .filter(|i| problem.sigma[*i] > 0.0)
         .map(|i| {
             let (nominal, fitted) = (problem.nominal.nuisances[i], null.point.nuisances[i]);

@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::PathBuf};
 
-use bench_filter::{BIAS, LATENCY, Noise, Pass, Point, Scored, Track, added, innovations, is_random, run};
+use bench_filter::{Noise, Pass, Point, Scored, Track, added, innovations, is_random, run};
 use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_step};
 use bench_plant::effects::{EffectSpec, LIBRARY, RigNumber, index_of};
 use bench_recording::Flight;
@@ -500,12 +500,12 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
     plant.tracker.resolution_m = 0.0;
     plant.tracker.dropout_probability = 0.0;
     let n = &point.nuisances;
-    plant.airframe.mass_kg.value = n[0];
+    plant.airframe.mass_kg.value = n[RigNumber::Mass];
     plant.airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
-    plant.airframe.thrust.offset.value = n[2];
-    plant.airframe.ground_effect.multiplier.value = n[3];
-    plant.airframe.ground_effect.height_m.value = n[4];
-    plant.airframe.drag_n_s_per_m.value = n[5];
+    plant.airframe.thrust.offset.value = n[RigNumber::ThrustOffset];
+    plant.airframe.ground_effect.multiplier.value = n[RigNumber::GroundEffectMultiplier];
+    plant.airframe.ground_effect.height_m.value = n[RigNumber::GroundEffectHeight];
+    plant.airframe.drag_n_s_per_m.value = n[RigNumber::Drag];
     let mut effects: Vec<(usize, Vec<f64>)> =
         point.effects.iter().filter(|(effect, _)| !is_random(*effect)).cloned().collect();
     // Latency and origin are what the tracker does, not what it believes.
@@ -521,8 +521,8 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
         let sum = &mut effects[at].1[parameter];
         *sum = (*sum + value).clamp(p.min, p.max);
     };
-    add(RigNumber::Latency, n[LATENCY] - rig.tracker.latency_s.value);
-    add(RigNumber::Origin, n[BIAS]);
+    add(RigNumber::Latency, n[RigNumber::Latency] - rig.tracker.latency_s.value);
+    add(RigNumber::Origin, n[RigNumber::Origin]);
     plant.effects = effects.into_iter().map(|(index, values)| entry(index, &values)).collect();
     plant
 }

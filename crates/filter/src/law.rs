@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bench_device::Sticks;
 use bench_plant::{
-    effects::{Effects, LIBRARY, Parameter, Stage, View, resolve_all},
+    effects::{Effects, LIBRARY, Parameter, PerNumber, RigNumber, Stage, View, resolve_all},
     nominal::{Air, Forces, Nominal},
 };
 use bench_rig::{GRAVITY_M_S2, Rig};
@@ -12,8 +12,8 @@ use nalgebra::Vector3;
 
 use crate::noise::is_random;
 
-/// The nominal model's uncertain numbers, in this order.
-pub const NUISANCES: [&str; 8] = [
+/// Names of the nominal model's uncertain numbers.
+const NAMES: PerNumber<&str> = PerNumber([
     "mass_kg",
     "thrust_gain",
     "thrust_offset",
@@ -22,20 +22,7 @@ pub const NUISANCES: [&str; 8] = [
     "drag_n_s_per_m",
     "tracker_latency_s",
     "tracker_bias_m",
-];
-
-/// Index of the mass among the nuisances.
-const MASS: usize = 0;
-/// Index of the thrust's gain among the nuisances: of the throttle that hovers, where the rig knows that.
-pub const GAIN: usize = 1;
-/// Index of the thrust's offset.
-pub const OFFSET: usize = 2;
-/// Index of the drag.
-pub const DRAG: usize = 5;
-/// Index of the latency among the nuisances.
-pub const LATENCY: usize = 6;
-/// Index of the tracker's origin.
-pub const BIAS: usize = 7;
+]);
 
 /// The effects that a rig lists; none if it lists them wrongly, which whoever loads a rig for use is told elsewhere.
 pub fn known(rig: &Rig) -> Arc<[(usize, Vec<f64>)]> {
@@ -48,8 +35,8 @@ const LEAST_BIAS_M: f64 = 5e-4;
 /// A point of the parameter space: the nominal numbers, and effects of the library with their values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// Values of the numbers that [`Point::names`] names, in its order.
-    pub nuisances: [f64; 8],
+    /// Values of the rig's numbers: nuisance parameters of a hypothesis about effects.
+    pub nuisances: PerNumber<f64>,
     /// Library index and values in the order of the spec.
     pub effects: Vec<(usize, Vec<f64>)>,
     /// The same of those that the rig says are there: part of the nominal model.
@@ -60,7 +47,7 @@ pub struct Point {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coordinate {
     /// One of a point's nuisances.
-    Nuisance(usize),
+    Nuisance(RigNumber),
     /// Parameter of one of the point's effects.
     Effect {
         /// Which of the point's effects.
@@ -94,10 +81,12 @@ impl Reach {
     /// Of a coordinate of a point.
     pub fn of(at: Coordinate, point: &Point, rig: &Rig) -> Self {
         match at {
-            Coordinate::Nuisance(LATENCY | BIAS) => Self::Sight,
-            Coordinate::Nuisance(GAIN | OFFSET) => Self::Throttle,
+            Coordinate::Nuisance(RigNumber::Latency | RigNumber::Origin) => Self::Sight,
+            Coordinate::Nuisance(RigNumber::ThrustGain | RigNumber::ThrustOffset) => Self::Throttle,
             // The throttle that hovers is kept; effects of propulsion reckon in weights.
-            Coordinate::Nuisance(MASS) if rig.airframe.thrust.hover_sigma.is_some() || point.propels() => {
+            Coordinate::Nuisance(RigNumber::Mass)
+                if rig.airframe.thrust.hover_sigma.is_some() || point.propels() =>
+            {
                 Self::Throttle
             }
             Coordinate::Nuisance(_) => Self::Force,
@@ -108,7 +97,7 @@ impl Reach {
 
 impl Point {
     /// The rig's nominal numbers and one sigma of each.
-    pub fn nominal(rig: &Rig) -> (Self, [f64; 8]) {
+    pub fn nominal(rig: &Rig) -> (Self, PerNumber<f64>) {
         let a = &rig.airframe;
         let all = [
             a.mass_kg,
@@ -121,21 +110,21 @@ impl Point {
         ];
         // No rig says so, and every tracker has it: the origin is not known to a fraction of the resolution.
         let bias = (0.2 * rig.tracker.resolution_m).max(LEAST_BIAS_M);
-        let with = |[a, b, c, d, e, f, g]: [f64; 7], last: f64| [a, b, c, d, e, f, g, last];
+        let with = |[a, b, c, d, e, f, g]: [f64; 7], last: f64| PerNumber([a, b, c, d, e, f, g, last]);
         let mut values = with(all.map(|x| x.value), 0.0);
         let mut sigma = with(all.map(|x| x.sigma), bias);
         if let Some(hover_sigma) = a.thrust.hover_sigma {
-            values[GAIN] = a.throttle_for(a.weight_n());
-            sigma[GAIN] = hover_sigma;
+            values[RigNumber::ThrustGain] = a.throttle_for(a.weight_n());
+            sigma[RigNumber::ThrustGain] = hover_sigma;
         }
         (Self { nuisances: values, effects: Vec::new(), known: known(rig) }, sigma)
     }
 
     /// Names of the nuisances of a rig.
-    pub fn names(rig: &Rig) -> [&'static str; 8] {
-        let mut names = NUISANCES;
+    pub fn names(rig: &Rig) -> PerNumber<&'static str> {
+        let mut names = NAMES;
         if rig.airframe.thrust.hover_sigma.is_some() {
-            names[GAIN] = "thrust_hover";
+            names[RigNumber::ThrustGain] = "thrust_hover";
         }
         names
     }
@@ -159,11 +148,12 @@ impl Point {
     pub fn gain_n_per_unit(&self, rig: &Rig) -> f64 {
         let n = &self.nuisances;
         if rig.airframe.thrust.hover_sigma.is_none() {
-            return n[GAIN];
+            return n[RigNumber::ThrustGain];
         }
         // Never at or below the offset: a fit may try what no rig may say.
-        let range = n[GAIN] - n[OFFSET];
-        n[MASS] * GRAVITY_M_S2 / range.max(1e-3 * n[GAIN].abs()).max(f64::MIN_POSITIVE)
+        let range = n[RigNumber::ThrustGain] - n[RigNumber::ThrustOffset];
+        n[RigNumber::Mass] * GRAVITY_M_S2
+            / range.max(1e-3 * n[RigNumber::ThrustGain].abs()).max(f64::MIN_POSITIVE)
     }
 
     /// The value at a coordinate.
@@ -209,12 +199,12 @@ impl Law {
     pub fn new(point: &Point, rig: &Rig) -> Self {
         let n = &point.nuisances;
         let mut airframe = rig.airframe.clone();
-        airframe.mass_kg.value = n[MASS];
-        airframe.thrust.offset.value = n[OFFSET];
+        airframe.mass_kg.value = n[RigNumber::Mass];
+        airframe.thrust.offset.value = n[RigNumber::ThrustOffset];
         airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
-        airframe.ground_effect.multiplier.value = n[3];
-        airframe.ground_effect.height_m.value = n[4];
-        airframe.drag_n_s_per_m.value = n[5];
+        airframe.ground_effect.multiplier.value = n[RigNumber::GroundEffectMultiplier];
+        airframe.ground_effect.height_m.value = n[RigNumber::GroundEffectHeight];
+        airframe.drag_n_s_per_m.value = n[RigNumber::Drag];
         let nominal = Nominal::new(&airframe);
         // How strong wind pushes is told by flights, how much drag it pushes against hardly: its speed is that for the rig's drag.
         airframe.drag_n_s_per_m = rig.airframe.drag_n_s_per_m;
@@ -236,7 +226,12 @@ impl Law {
             per_kg: mass_kg.recip(),
             free_thrust_n: 0.0,
             tilt_cos: 1.0,
-            view: View { factor: 1.0, bend_per_m: 0.0, offset_m: n[BIAS], latency_s: n[LATENCY] },
+            view: View {
+                factor: 1.0,
+                bend_per_m: 0.0,
+                offset_m: n[RigNumber::Origin],
+                latency_s: n[RigNumber::Latency],
+            },
         };
         for (index, values) in point.acting() {
             (LIBRARY[*index].signature.view)(values, &mut law.view);
@@ -361,7 +356,7 @@ mod tests {
                     "{}",
                     LIBRARY[effect].name
                 );
-                let numbers = (0..sigma.len()).map(|i| (Coordinate::Nuisance(i), sigma[i]));
+                let numbers = sigma.iter().map(|(number, sigma)| (Coordinate::Nuisance(number), *sigma));
                 let own = (0..parameters.len()).map(|parameter| {
                     (
                         Coordinate::Effect { slot: 0, parameter },

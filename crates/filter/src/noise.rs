@@ -115,7 +115,7 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
         match spread(*effect) {
             Some(Spread::MeasurementNoise) => noise.sighting_m = noise.sighting_m.hypot(values[0]),
             Some(Spread::LostFrames) => {
-                [noise.stale_probability, noise.stale_frames] = [values[0], values[1]]
+                [noise.stale_probability, noise.stale_frames] = [values[0], values[1]];
             }
             Some(Spread::LateFrames) => noise.jitter_s = noise.jitter_s.hypot(values[0]),
             // Wrong places are few, and far off against the noise: else it is noise.

@@ -98,9 +98,10 @@ fn hold(point: &Point, coordinates: &[(Coordinate, f64)], about: &str) {
 #[test]
 fn information_over_the_numbers_of_the_rig_is_that_of_finite_differences() {
     let (point, sigma) = Point::nominal(&rig());
-    let free: Vec<(Coordinate, f64)> = (0..sigma.len())
-        .filter(|i| sigma[*i] > 0.0)
-        .map(|i| (Coordinate::Nuisance(i), 0.03 * sigma[i]))
+    let free: Vec<(Coordinate, f64)> = sigma
+        .iter()
+        .filter(|(_, sigma)| **sigma > 0.0)
+        .map(|(number, sigma)| (Coordinate::Nuisance(number), 0.03 * sigma))
         .collect();
     assert!(free.len() > 3);
     hold(&point, &free, "the rig's numbers");

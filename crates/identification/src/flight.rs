@@ -1,6 +1,7 @@
 //! The nominal numbers from nominal flights.
 
-use bench_filter::{BIAS, Coordinate, GAIN, LATENCY, Noise, OFFSET, Point, Track, innovations};
+use bench_filter::{Coordinate, Noise, Point, Track, innovations};
+use bench_filter::{PerNumber, RigNumber};
 use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
 use serde::Serialize;
@@ -84,14 +85,14 @@ pub fn identify_flights(tracks: &[Track], rig: &Rig) -> Result<FlightIdentificat
     let told = Told::of(&problem, &fit);
     // What is left as it was is held there while the others are fitted again, so that they belong together.
     let mut rest = Problem { nominal: problem.nominal.clone(), ..problem };
-    for i in 0..rest.sigma.len() {
-        if i != BIAS && !told.identified[i] {
-            rest.sigma[i] = 0.0;
+    for number in RigNumber::ALL {
+        if number != RigNumber::Origin && !told.identified[number] {
+            rest.sigma[number] = 0.0;
         }
     }
-    if told.identified[LATENCY] && fit.point.nuisances[LATENCY] < 0.0 {
-        rest.nominal.nuisances[LATENCY] = 0.0;
-        rest.sigma[LATENCY] = 0.0;
+    if told.identified[RigNumber::Latency] && fit.point.nuisances[RigNumber::Latency] < 0.0 {
+        rest.nominal.nuisances[RigNumber::Latency] = 0.0;
+        rest.sigma[RigNumber::Latency] = 0.0;
     }
     let fit = rest.refine(rest.nominal.clone(), rest.noise);
     Ok(tell(&problem, &told, &fit, rig, &prior))
@@ -170,19 +171,19 @@ fn settle(tracks: &mut [Track], prior: &mut Rig) -> Noise {
 
 /// How well the flights tell each of the nuisances.
 struct Told {
-    standard_error: [f64; 8],
-    between: [f64; 8],
-    identified: [bool; 8],
+    standard_error: PerNumber<f64>,
+    between: PerNumber<f64>,
+    identified: PerNumber<bool>,
 }
 
 impl Told {
     fn of(problem: &Problem<'_>, fit: &Fit) -> Self {
-        let own: Vec<usize> = fit
+        let own: Vec<Option<RigNumber>> = fit
             .free
             .iter()
             .map(|f| match f.at {
-                Coordinate::Nuisance(i) => i,
-                Coordinate::Effect { .. } => usize::MAX,
+                Coordinate::Nuisance(number) => Some(number),
+                Coordinate::Effect { .. } => None,
             })
             .collect();
         let says: Vec<Says> = fit
@@ -193,18 +194,23 @@ impl Told {
             .collect();
         let prior: Vec<f64> = fit.free.iter().map(|f| f.sigma).collect();
         // The tracker's origin and the mass are no matter of the flight.
-        let differs: Vec<bool> = own.iter().map(|i| (GAIN..BIAS).contains(i)).collect();
+        let alike = [None, Some(RigNumber::Mass), Some(RigNumber::Origin)];
+        let differs: Vec<bool> = own.iter().map(|number| !alike.contains(number)).collect();
         let tau = between_flights(&says, &prior, &differs);
         let mut information = common_information(&says, &tau);
         for (i, sigma) in prior.iter().enumerate() {
             information[(i, i)] += sigma.powi(-2);
         }
-        let mut told = Self { standard_error: problem.sigma, between: [0.0; 8], identified: [false; 8] };
+        let mut told = Self {
+            standard_error: problem.sigma,
+            between: PerNumber::default(),
+            identified: PerNumber::default(),
+        };
         if let Some(covariance) = information.try_inverse() {
-            for (k, i) in own.iter().enumerate().filter(|(_, i)| **i < 8) {
-                told.standard_error[*i] = covariance[(k, k)].max(0.0).sqrt();
-                told.between[*i] = tau[k];
-                told.identified[*i] = told.standard_error[*i] < IDENTIFIED * problem.sigma[*i];
+            for (k, number) in own.iter().enumerate().filter_map(|(k, number)| Some((k, (*number)?))) {
+                told.standard_error[number] = covariance[(k, k)].max(0.0).sqrt();
+                told.between[number] = tau[k];
+                told.identified[number] = told.standard_error[number] < IDENTIFIED * problem.sigma[number];
             }
         }
         told
@@ -219,32 +225,44 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
     let mut between = told.between;
     if thrust.hover_sigma.is_some() {
         // Another battery is another trim: to the throttle that hovers it is a shift.
-        between[GAIN] = between[GAIN].hypot(problem.noise.trim / GRAVITY_M_S2 * range);
+        between[RigNumber::ThrustGain] =
+            between[RigNumber::ThrustGain].hypot(problem.noise.trim / GRAVITY_M_S2 * range);
     }
-    let sigma = |i: usize| told.standard_error[i].hypot(between[i]);
-    let set = |number: &mut Uncertain, i: usize, before: Uncertain, low: f64| {
+    let sigma = |i: RigNumber| told.standard_error[i].hypot(between[i]);
+    let set = |number: &mut Uncertain, i: RigNumber, before: Uncertain, low: f64| {
         *number =
             if told.identified[i] { Uncertain { value: n[i].max(low), sigma: sigma(i) } } else { before };
     };
-    set(&mut thrust.offset, OFFSET, rig.airframe.thrust.offset, f64::MIN);
+    set(&mut thrust.offset, RigNumber::ThrustOffset, rig.airframe.thrust.offset, f64::MIN);
     if thrust.hover_sigma.is_some() {
-        if told.identified[GAIN] {
-            let range = n[GAIN] - thrust.offset.value;
-            thrust.hover_sigma = Some(sigma(GAIN));
+        if told.identified[RigNumber::ThrustGain] {
+            let range = n[RigNumber::ThrustGain] - thrust.offset.value;
+            thrust.hover_sigma = Some(sigma(RigNumber::ThrustGain));
             thrust.gain_n_per_unit.value = prior.airframe.weight_n() / range;
-            thrust.gain_n_per_unit.sigma =
-                thrust.gain_n_per_unit.value * sigma(GAIN).hypot(thrust.offset.sigma) / range;
+            thrust.gain_n_per_unit.sigma = thrust.gain_n_per_unit.value
+                * sigma(RigNumber::ThrustGain).hypot(thrust.offset.sigma)
+                / range;
         } else {
             *thrust = rig.airframe.thrust;
         }
     } else {
-        set(&mut thrust.gain_n_per_unit, GAIN, rig.airframe.thrust.gain_n_per_unit, f64::MIN_POSITIVE);
+        set(
+            &mut thrust.gain_n_per_unit,
+            RigNumber::ThrustGain,
+            rig.airframe.thrust.gain_n_per_unit,
+            f64::MIN_POSITIVE,
+        );
     }
     let ground = &mut out.airframe.ground_effect;
-    set(&mut ground.multiplier, 3, rig.airframe.ground_effect.multiplier, 1.0);
-    set(&mut ground.height_m, 4, rig.airframe.ground_effect.height_m, 1e-3);
-    set(&mut out.airframe.drag_n_s_per_m, 5, rig.airframe.drag_n_s_per_m, 0.0);
-    set(&mut out.tracker.latency_s, LATENCY, rig.tracker.latency_s, 0.0);
+    set(
+        &mut ground.multiplier,
+        RigNumber::GroundEffectMultiplier,
+        rig.airframe.ground_effect.multiplier,
+        1.0,
+    );
+    set(&mut ground.height_m, RigNumber::GroundEffectHeight, rig.airframe.ground_effect.height_m, 1e-3);
+    set(&mut out.airframe.drag_n_s_per_m, RigNumber::Drag, rig.airframe.drag_n_s_per_m, 0.0);
+    set(&mut out.tracker.latency_s, RigNumber::Latency, rig.tracker.latency_s, 0.0);
     let noise = &fit.noise;
     let rounding = rig.tracker.resolution_m / 12_f64.sqrt();
     out.tracker.noise_m = (noise.sighting_m.powi(2) - rounding * rounding).max(0.0).sqrt();
@@ -263,8 +281,9 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
     let (before, _) = Point::nominal(prior);
     let (after, after_sigma) = Point::nominal(&out);
     let names = Point::names(prior);
-    let numbers = (0..BIAS)
-        .filter(|i| problem.sigma[*i] > 0.0)
+    let numbers = RigNumber::ALL
+        .into_iter()
+        .filter(|i| *i != RigNumber::Origin && problem.sigma[*i] > 0.0)
         .map(|i| IdentifiedNumber {
             name: names[i],
             before: (before.nuisances[i], problem.sigma[i]),

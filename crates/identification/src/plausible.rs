@@ -1,6 +1,7 @@
 //! What is refused: flights and rigs of which no number could be believed.
 
-use bench_filter::{GAIN, Noise, OFFSET, Point, Track};
+use bench_filter::RigNumber;
+use bench_filter::{Noise, Point, Track};
 use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig};
 
@@ -100,8 +101,8 @@ fn which_way(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
     let likelihood = |way: f64| {
         let gain = way * plain.airframe.thrust.gain_n_per_unit.value;
         let mut point: Point = problem.nominal.clone();
-        point.nuisances[GAIN] = gain;
-        point.nuisances[OFFSET] = mean - plain.airframe.weight_n() / gain;
+        point.nuisances[RigNumber::ThrustGain] = gain;
+        point.nuisances[RigNumber::ThrustOffset] = mean - plain.airframe.weight_n() / gain;
         problem.log_likelihood(&point, &noise)
     };
     let nats = likelihood(-1.0) - likelihood(1.0);
@@ -122,7 +123,8 @@ pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
         });
     }
     let names = Point::names(problem.rig);
-    let far: Vec<Contradiction> = (0..names.len())
+    let far: Vec<Contradiction> = RigNumber::ALL
+        .into_iter()
         .filter(|i| problem.sigma[*i] > 0.0)
         .map(|i| {
             let (nominal, fitted) = (problem.nominal.nuisances[i], fit.point.nuisances[i]);

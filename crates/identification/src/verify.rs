@@ -1,8 +1,7 @@
 //! A model held against open-loop flights (paper, section 3.5, figure 11): nothing is fitted.
 
-use bench_filter::{
-    BIAS, GAIN, HORIZONS_S, LATENCY, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track,
-};
+use bench_filter::RigNumber;
+use bench_filter::{HORIZONS_S, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track};
 use bench_inference::{Consistency, Problem};
 use bench_rig::Rig;
 use rand::{RngExt, SeedableRng};
@@ -315,12 +314,12 @@ fn band_check(flights: &[FlightVerified], tolerance: &Tolerance) -> VerifyCheck 
 /// order, and of trajectories with the rig's own numbers.
 fn variances_of(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> [f64; 9] {
     let mut out = [0.0; 9];
-    for (i, variance) in out.iter_mut().take(problem.sigma.len()).enumerate() {
-        let sigma = problem.sigma[i];
+    for (variance, (number, sigma)) in out.iter_mut().zip(problem.sigma.iter()) {
+        let sigma = *sigma;
         if sigma > 0.0 {
             let moved = |way: f64| {
                 let mut point = problem.nominal.clone();
-                point.nuisances[i] += way * sigma;
+                point.nuisances[number] += way * sigma;
                 fly(track, seen, problem, &point, None)
             };
             *variance = moved(1.0).iter().zip(moved(-1.0)).map(|(a, b)| (0.5 * (a - b)).powi(2)).sum::<f64>();
@@ -345,7 +344,7 @@ fn variances_of(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> [f64
 
 fn shares(variances: &[f64; 9], rig: &Rig) -> Vec<Share> {
     let total: f64 = variances.iter().sum();
-    let names = Point::names(rig).into_iter().chain([DISTURBANCE]);
+    let names = Point::names(rig).0.into_iter().chain([DISTURBANCE]);
     let mut shares: Vec<Share> = names
         .zip(variances)
         .filter(|(_, variance)| **variance > 0.0)
@@ -423,19 +422,19 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 /// Numbers within the rig's tolerances.
 fn drawn_point(problem: &Problem<'_>, rng: &mut ChaCha8Rng) -> Point {
     let mut point = problem.nominal.clone();
-    for (value, sigma) in point.nuisances.iter_mut().zip(problem.sigma) {
+    for (value, sigma) in point.nuisances.0.iter_mut().zip(problem.sigma.0) {
         let normal: f64 = rng.sample(StandardNormal);
         *value += sigma * normal;
     }
     let (n, nominal) = (&mut point.nuisances, &problem.nominal.nuisances);
     // As far as a number makes sense.
-    n[0] = n[0].max(0.1 * nominal[0]);
-    n[GAIN] = n[GAIN].max(0.1 * nominal[GAIN]);
-    n[3] = n[3].max(1.0);
-    n[4] = n[4].max(1e-3);
-    n[5] = n[5].max(0.0);
-    n[LATENCY] = n[LATENCY].max(0.0);
-    debug_assert!(n[BIAS].is_finite());
+    n[RigNumber::Mass] = n[RigNumber::Mass].max(0.1 * nominal[RigNumber::Mass]);
+    n[RigNumber::ThrustGain] = n[RigNumber::ThrustGain].max(0.1 * nominal[RigNumber::ThrustGain]);
+    n[RigNumber::GroundEffectMultiplier] = n[RigNumber::GroundEffectMultiplier].max(1.0);
+    n[RigNumber::GroundEffectHeight] = n[RigNumber::GroundEffectHeight].max(1e-3);
+    n[RigNumber::Drag] = n[RigNumber::Drag].max(0.0);
+    n[RigNumber::Latency] = n[RigNumber::Latency].max(0.0);
+    debug_assert!(n[RigNumber::Origin].is_finite());
     point
 }
 

@@ -1,10 +1,10 @@
 //! Fits a hypothesis to the flights: parameters by their posterior's mode, evidence by Laplace's method.
 
 use bench_filter::{
-    Coordinate, DRAG, Direction, Noise, OFFSET, PROBES, Pairs, Pass, Point, Prediction, Track, added,
-    is_random, nll, nll_of_all, predict, run, run_for,
+    Coordinate, Direction, Noise, PROBES, Pairs, Pass, Point, Prediction, Track, added, is_random, nll,
+    nll_of_all, predict, run, run_for,
 };
-use bench_plant::effects::{LIBRARY, Prior};
+use bench_plant::effects::{LIBRARY, PerNumber, Prior, RigNumber};
 use bench_rig::Rig;
 use bench_statistics::evenly_in_log;
 use nalgebra::{DMatrix, DVector};
@@ -21,7 +21,7 @@ pub struct Problem<'a> {
     /// The rig's numbers.
     pub nominal: Point,
     /// One sigma of each; zero for those taken as exact.
-    pub sigma: [f64; 8],
+    pub sigma: PerNumber<f64>,
     /// What is thought of the noise before any flight.
     pub noise: Noise,
     /// Altitude that all but a few sightings are below, m.
@@ -85,7 +85,9 @@ impl Fit {
         let beyond = |f: &Free| {
             let sigmas2 = ((f.own(self.point.get(f.at)) - f.mean) / f.sigma).powi(2);
             match f.at {
-                Coordinate::Nuisance(OFFSET | DRAG) => 0.5 * (sigmas2 - ODD_SIGMAS.powi(2)).max(0.0),
+                Coordinate::Nuisance(RigNumber::ThrustOffset | RigNumber::Drag) => {
+                    0.5 * (sigmas2 - ODD_SIGMAS.powi(2)).max(0.0)
+                }
                 Coordinate::Effect { slot, parameter }
                     if self.point.parameter(slot, parameter).default.is_some() =>
                 {
@@ -573,7 +575,7 @@ impl<'a> Problem<'a> {
     /// the prediction: all of those before the given slot, of the others those that do not have their default.
     fn free(&self, point: &Point, plain_from: usize) -> Vec<Free> {
         let mut free = Vec::new();
-        for (i, sigma) in self.sigma.into_iter().enumerate() {
+        for (i, &sigma) in self.sigma.iter() {
             if sigma > 0.0 {
                 let mean = self.nominal.nuisances[i];
                 let low = if mean > 0.0 { 0.02 * mean } else { mean - 50.0 * sigma };

@@ -272,7 +272,7 @@ const OTHERS_TRIED: usize = 2;
 
 /// A start half as far from the point that it stands on: the size of the effect that it adds, last, and all that moved with it.
 fn nearer(base: &Point, mut start: Point) -> Point {
-    for (value, from) in start.nuisances.iter_mut().zip(base.nuisances) {
+    for (value, from) in start.nuisances.0.iter_mut().zip(base.nuisances.0) {
         *value = 0.5 * (*value + from);
     }
     for ((_, values), (_, from)) in start.effects.iter_mut().zip(&base.effects) {

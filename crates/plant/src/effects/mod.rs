@@ -48,7 +48,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::nominal::Air;
 pub use library::{LIBRARY, Library, RegisterError, index_of, read_as};
-pub use signature::{Axis, Reading, RigNumber, Shows, Signature, Spread, View};
+pub use signature::{Axis, PerNumber, Reading, RigNumber, Shows, Signature, Spread, View};
 pub use spec::{EffectError, EffectSpec, Parameter, Prior, Stage, parse_effect, resolve_all};
 
 /// One source of random numbers an effect, so that switching one on does not change the others' draws.

@@ -1,5 +1,7 @@
 //! How flights show an effect: what those who look for its traces must know beside its law.
 
+use std::ops::{Index, IndexMut};
+
 /// How flights show an effect. [`Signature::LAW`], [`Signature::READING`] and [`Signature::spread`] are what to start from.
 pub struct Signature {
     /// In what it shows.
@@ -144,6 +146,33 @@ impl RigNumber {
         Self::Latency,
         Self::Origin,
     ];
+}
+
+/// A value for each number of a rig, in the order of [`RigNumber::ALL`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PerNumber<T>(pub [T; RigNumber::COUNT]);
+
+impl<T> PerNumber<T> {
+    /// Numbers and values.
+    pub fn iter(&self) -> impl Iterator<Item = (RigNumber, &T)> {
+        RigNumber::ALL.into_iter().zip(&self.0)
+    }
+}
+
+impl<T> Index<RigNumber> for PerNumber<T> {
+    type Output = T;
+
+    #[inline]
+    fn index(&self, number: RigNumber) -> &T {
+        &self.0[number as usize]
+    }
+}
+
+impl<T> IndexMut<RigNumber> for PerNumber<T> {
+    #[inline]
+    fn index_mut(&mut self, number: RigNumber) -> &mut T {
+        &mut self.0[number as usize]
+    }
 }
 
 /// A quantity that is known along a flight, over which forces are looked for.
