@@ -65,7 +65,7 @@ fn an_effect_asked_for_twice_is_refused() {
 
 #[test]
 fn the_example_of_every_effect_can_be_asked_for_on_the_command_line() {
-    for spec in LIBRARY.iter().copied() {
+    for spec in LIBRARY.iter() {
         let mut rig = rig(Model::Vertical);
         rig.effects.push(parse_effect(&spec.example()).unwrap());
         assert!(Effects::from_rig(&rig, 1).is_ok(), "{}", spec.example());

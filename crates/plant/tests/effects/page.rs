@@ -55,7 +55,7 @@ fn section(spec: &EffectSpec) -> String {
             signature.confounded_with.iter().map(|name| format!("[{name}](#{name})")).collect();
         write!(out, " Ordinary flights hardly tell it from {}.", alike.join(" and ")).unwrap();
     }
-    write!(out, " Source: {source}.\n").unwrap();
+    writeln!(out, " Source: {source}.").unwrap();
     out
 }
 
