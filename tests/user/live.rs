@@ -116,6 +116,44 @@ fn bench_info(recording: &str) -> assert_cmd::assert::Assert {
 }
 
 #[test]
+fn a_marker_that_is_not_seen_is_told_on_the_page_which_waits_for_another_start() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.path("hil.mcap");
+    // Of this seed the first burst of lost frames lasts for longer than the marker is waited for.
+    let lost = ["--effect", "tracker-dropout:probability=0.95,mean_burst_frames=1000", "--seed", "1"];
+    let flight = ["hil", "--port", &board.port, "--mission", &mission, "-o", recording.to_str().unwrap()];
+    let watched = Bench::start(&[&flight[..], &lost].concat());
+    let mut browser = watched.browser();
+    assert_eq!(browser.stage("waiting")["warning"], Value::Null);
+    for _ in 0..2 {
+        browser.say(&json!({ "command": "start" }));
+        browser.stage("starting");
+        let again = browser.stage("waiting");
+        let warning = again["warning"].as_str().unwrap_or_default();
+        assert!(
+            warning.starts_with("Not armed: the tracker has not seen the marker for 3 s")
+                && warning.contains("START again"),
+            "{again}"
+        );
+        assert!(again["checked"].as_array().is_some_and(|lines| lines.len() == 2), "{again}");
+    }
+    // Nothing was flown, and nothing stays that looks like a flight.
+    assert!(!recording.exists());
+    browser.say(&json!({ "command": "end" }));
+    assert_eq!(browser.stage("closed")["headline"], "Not flown: the operator ended the bench");
+    assert_eq!(watched.0.end().0, Some(4));
+    // With nobody to press START again it ends, as without a page.
+    let alone = [&flight[..], &lost, &["--live", "--autostart", "--listen", "127.0.0.1:0"]].concat();
+    for arguments in [[&flight[..], &lost].concat(), alone] {
+        let words = refused(bench(&arguments), 4);
+        assert!(words.contains("not armed: the tracker has not seen the marker"), "{words}");
+        std::fs::remove_file(&recording).unwrap();
+    }
+}
+
+#[test]
 fn without_a_change_a_watched_simulation_is_recorded_to_the_same_bytes() {
     let scratch = Scratch::new();
     let (plain, watched) = (scratch.fly("plain.mcap", &[]), scratch.name("watched.mcap"));

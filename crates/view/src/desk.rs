@@ -287,7 +287,7 @@ mod tests {
     fn the_first_commands_until_it_hands_over_or_leaves() {
         let (mut desk, _controls, _pressed) = desk_for("climb-040.toml");
         let [first, second] = [desk.come(), desk.come()];
-        desk.set_stage(Stage::Waiting { checked: Vec::new() });
+        desk.set_stage(Stage::Waiting { checked: Vec::new(), warning: None });
         assert!(desk.command(second, &start(None, None)).is_err());
         assert!(desk.command(second, &Command::Take).is_err());
         assert!(desk.command(second, &Command::Release).is_err());
@@ -306,7 +306,7 @@ mod tests {
         let (mut desk, _controls, mut pressed) = desk_for("climb-040.toml");
         let client = desk.come();
         assert!(desk.command(client, &start(None, None)).is_err(), "devices are not ready");
-        desk.set_stage(Stage::Waiting { checked: Vec::new() });
+        desk.set_stage(Stage::Waiting { checked: Vec::new(), warning: None });
         let too_high = desk.command(client, &start(Some(1.9), None)).unwrap_err();
         assert!(too_high.contains("1.9 m") && too_high.contains("0.05 to 1.60 m"), "{too_high}");
         let too_short = desk.command(client, &start(None, Some(1.0))).unwrap_err();
@@ -323,7 +323,7 @@ mod tests {
         for (mission, words) in [("steps.toml", "holds one altitude"), ("hop.toml", "holds no altitude")] {
             let (mut desk, _controls, _pressed) = desk_for(mission);
             let client = desk.come();
-            desk.set_stage(Stage::Waiting { checked: Vec::new() });
+            desk.set_stage(Stage::Waiting { checked: Vec::new(), warning: None });
             let refused = desk.command(client, &start(Some(0.6), None)).unwrap_err();
             assert!(refused.contains(words), "{refused}");
             assert!(desk.command(client, &start(None, None)).is_ok(), "as it stands it can be flown");

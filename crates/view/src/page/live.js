@@ -184,6 +184,10 @@ function warn() {
     if (state.stage === "closed") banner("The bench has ended. What it flew stays here until this page is closed.", true);
     return;
   }
+  if (state.stage === "waiting" && state.warning) {
+    banner(state.warning, true);
+    return;
+  }
   const silent = (performance.now() - (live.flown ?? live.heard)) / 1000;
   if (state.stage === "flying" && silent > Math.max(1, 5 * about.period_s)) {
     banner(`The loop has said nothing for ${silent.toFixed(0)} s.`);
