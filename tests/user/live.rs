@@ -3,6 +3,7 @@
 use std::net::TcpStream;
 
 use bench_recording::Flight;
+use bench_rig::Phase;
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
@@ -109,6 +110,40 @@ fn a_loopback_flight_is_started_changed_and_stopped_from_the_page() {
     let pressed_in = flight.ticks.iter().position(|tick| tick.started == stopped).unwrap();
     assert_ne!(flight.commands[pressed_in].sticks, rest);
     assert!(flight.commands[pressed_in + 1..].iter().all(|command| command.sticks == rest));
+}
+
+#[test]
+fn a_flight_lands_when_the_page_asks_for_it() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.name("hil.mcap");
+    let bench = Bench::start(&["hil", "--port", &board.port, "--mission", &mission, "-o", &recording]);
+    let mut browser = bench.browser();
+    browser.stage("waiting");
+    // A hold that would go on for two minutes.
+    browser.say(&json!({ "command": "start", "flight_time_s": 120.0 }));
+    browser.hear(|value| {
+        value["control"]
+            .as_array()
+            .is_some_and(|rows| rows.iter().any(|row| row[4] == 0.4 && row[7].as_f64() > Some(0.3)))
+    });
+    for words in ["LAND: on to the mission's landing", "it is landing already"] {
+        browser.say(&json!({ "command": "land" }));
+        let answer = browser.hear(|value| value["type"] == "answer");
+        assert_eq!((&answer["done"], &answer["words"]), (&true.into(), &words.into()));
+    }
+    assert_eq!(browser.stage("landed")["headline"], "Flown, and all criteria met");
+    browser.say(&json!({ "command": "end" }));
+    let (code, report) = bench.end();
+    assert_eq!((code, &report["ending"]), (Some(0), &"complete".into()), "{report}");
+
+    let flight = Flight::load(&recording).unwrap();
+    let asked = flight.events.iter().find(|event| event.text.starts_with("asked to land")).unwrap().time;
+    let after: Vec<_> = flight.states.iter().filter(|state| state.time > asked).collect();
+    assert!(after.iter().all(|state| matches!(state.phase, Phase::Land | Phase::Idle)), "{after:?}");
+    assert_eq!(after[0].phase, Phase::Land);
+    assert!(flight.ticks.last().unwrap().started.seconds() < 60.0);
 }
 
 fn bench_info(recording: &str) -> assert_cmd::assert::Assert {

@@ -131,6 +131,7 @@ pub fn directive(controls: Option<&mut Controls>) -> Directive {
         None => Directive::GoOn,
         Some(Ask::Stop) => Directive::Stop(StopReason::Pressed),
         Some(Ask::Altitude(altitude_m)) => Directive::FlyAt(altitude_m),
+        Some(Ask::Land) => Directive::Land,
     }
 }
 
