@@ -138,8 +138,13 @@ impl Chromium {
 
     /// Presses the space bar, wherever the focus is.
     pub fn press_space(&mut self, tab: &Tab) {
+        self.press(tab, [" ", "Space"], 32);
+    }
+
+    /// Presses a key, such as `l`, wherever the focus is. Its names are those of the DOM: what it means, and where it is.
+    pub fn press(&mut self, tab: &Tab, [key, code]: [&str; 2], number: u32) {
         for kind in ["keyDown", "keyUp"] {
-            let key = json!({ "type": kind, "key": " ", "code": "Space", "windowsVirtualKeyCode": 32, "text": " " });
+            let key = json!({ "type": kind, "key": key, "code": code, "windowsVirtualKeyCode": number, "text": key });
             self.call(Some(tab), "Input.dispatchKeyEvent", &key);
         }
     }

@@ -181,6 +181,55 @@ fn browser_flies_by_frames_changes_the_altitude_and_stops() {
 
 #[test]
 #[ignore = "needs Chromium; tests/run sets it up"]
+fn browser_has_a_flight_land_by_its_key() {
+    let mut bench = Bench::start(&["--realtime"]);
+    let mut browser = Chromium::start();
+    let operator = browser.open(&bench.url, [1280, 900]);
+    let watcher = browser.open(&bench.url, [390, 844]);
+    browser.wait(&watcher, "the second to be let in", "live.state.clients === 2 && live.client === 2");
+    let disabled = "document.getElementById('land').disabled";
+    assert_eq!(browser.value(&operator, disabled), true, "nothing flies");
+    browser.click(&operator, "start");
+    let holds = "PHASES[traces.table.last('phase')] === 'hold' && traces.table.last('estimated.z') > 0.3";
+    browser.wait(&operator, "the hold", holds);
+    browser.wait(&watcher, "the hold to be seen", holds);
+    assert_eq!(
+        [browser.value(&operator, disabled), browser.value(&watcher, disabled)],
+        [serde_json::Value::from(false), serde_json::Value::from(true)]
+    );
+    // STOP and LAND are in reach wherever the page stands, and beside one another.
+    let beside = "(() => { const [land, stop] = ['land', 'stop'].map((id) => document.getElementById(id).getBoundingClientRect()); \
+         return land.right <= stop.left && land.top === stop.top && land.left >= 0 && stop.right <= innerWidth; })()";
+    for (tab, name) in [(&operator, "live-land-1280"), (&watcher, "live-land-390")] {
+        browser.screenshot(tab, name);
+        assert_eq!(browser.value(tab, beside), true, "{name}");
+    }
+    // Whoever has not the command is refused by the bench.
+    browser.press(&watcher, ["l", "KeyL"], 76);
+    let refused = "document.getElementById('answer').textContent.includes('only who has the command')";
+    browser.wait(&watcher, "the second to be refused", refused);
+    browser.value(&operator, "document.getElementById('altitude').focus()");
+    browser.press(&operator, ["l", "KeyL"], 76);
+    let lands = "PHASES[traces.table.last('phase')] === 'land'";
+    browser.wait(&operator, "the landing", lands);
+    assert_eq!(browser.value(&operator, "document.getElementById('altitude').value.includes('l')"), false);
+    browser.click(&operator, "land");
+    let kindly = "document.getElementById('answer').textContent === 'it is landing already'";
+    browser.wait(&operator, "a second press to be answered", kindly);
+    browser.wait(&operator, "the end of the flight", "live.state.stage === 'landed'");
+    assert_eq!(browser.value(&operator, "document.getElementById('land').disabled"), true);
+    is_clean(&mut browser, &operator, &bench.url);
+    browser.click(&operator, "end");
+    browser.wait(&operator, "the end", "live.ended");
+    // Its criteria are for a longer hold.
+    assert!(matches!(bench.end(), Some(0 | 1)));
+    let flight = bench.flight();
+    assert!(flight.events.iter().any(|event| event.text.as_str() == "asked to land"), "{:?}", flight.events);
+    assert!(flight.states.iter().all(|state| state.phase != Phase::Abort));
+}
+
+#[test]
+#[ignore = "needs Chromium; tests/run sets it up"]
 fn browser_lands_tells_the_result_and_shows_the_whole_flight_to_who_comes_late() {
     let mut bench = Bench::start(&[]);
     let mut browser = Chromium::start();

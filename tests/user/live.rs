@@ -3,6 +3,7 @@
 use std::net::TcpStream;
 
 use bench_recording::Flight;
+use bench_rig::Phase;
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
@@ -111,8 +112,80 @@ fn a_loopback_flight_is_started_changed_and_stopped_from_the_page() {
     assert!(flight.commands[pressed_in + 1..].iter().all(|command| command.sticks == rest));
 }
 
+#[test]
+fn a_flight_lands_when_the_page_asks_for_it() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.name("hil.mcap");
+    let bench = Bench::start(&["hil", "--port", &board.port, "--mission", &mission, "-o", &recording]);
+    let mut browser = bench.browser();
+    browser.stage("waiting");
+    // A hold that would go on for two minutes.
+    browser.say(&json!({ "command": "start", "flight_time_s": 120.0 }));
+    browser.hear(|value| {
+        value["control"]
+            .as_array()
+            .is_some_and(|rows| rows.iter().any(|row| row[4] == 0.4 && row[7].as_f64() > Some(0.3)))
+    });
+    for words in ["LAND: on to the mission's landing", "it is landing already"] {
+        browser.say(&json!({ "command": "land" }));
+        let answer = browser.hear(|value| value["type"] == "answer");
+        assert_eq!((&answer["done"], &answer["words"]), (&true.into(), &words.into()));
+    }
+    assert_eq!(browser.stage("landed")["headline"], "Flown, and all criteria met");
+    browser.say(&json!({ "command": "end" }));
+    let (code, report) = bench.end();
+    assert_eq!((code, &report["ending"]), (Some(0), &"complete".into()), "{report}");
+
+    let flight = Flight::load(&recording).unwrap();
+    let asked = flight.events.iter().find(|event| event.text.starts_with("asked to land")).unwrap().time;
+    let after: Vec<_> = flight.states.iter().filter(|state| state.time > asked).collect();
+    assert!(after.iter().all(|state| matches!(state.phase, Phase::Land | Phase::Idle)), "{after:?}");
+    assert_eq!(after[0].phase, Phase::Land);
+    assert!(flight.ticks.last().unwrap().started.seconds() < 60.0);
+}
+
 fn bench_info(recording: &str) -> assert_cmd::assert::Assert {
     bench(["info", recording, "--json"]).assert().success()
+}
+
+#[test]
+fn a_marker_that_is_not_seen_is_told_on_the_page_which_waits_for_another_start() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let recording = scratch.path("hil.mcap");
+    // Of this seed the first burst of lost frames lasts for longer than the marker is waited for.
+    let lost = ["--effect", "tracker-dropout:probability=0.95,mean_burst_frames=1000", "--seed", "1"];
+    let flight = ["hil", "--port", &board.port, "--mission", &mission, "-o", recording.to_str().unwrap()];
+    let watched = Bench::start(&[&flight[..], &lost].concat());
+    let mut browser = watched.browser();
+    assert_eq!(browser.stage("waiting")["warning"], Value::Null);
+    for _ in 0..2 {
+        browser.say(&json!({ "command": "start" }));
+        browser.stage("starting");
+        let again = browser.stage("waiting");
+        let warning = again["warning"].as_str().unwrap_or_default();
+        assert!(
+            warning.starts_with("Not armed: the tracker has not seen the marker for 3 s")
+                && warning.contains("START again"),
+            "{again}"
+        );
+        assert!(again["checked"].as_array().is_some_and(|lines| lines.len() == 2), "{again}");
+    }
+    // Nothing was flown, and nothing stays that looks like a flight.
+    assert!(!recording.exists());
+    browser.say(&json!({ "command": "end" }));
+    assert_eq!(browser.stage("closed")["headline"], "Not flown: the operator ended the bench");
+    assert_eq!(watched.0.end().0, Some(4));
+    // With nobody to press START again it ends, as without a page.
+    let alone = [&flight[..], &lost, &["--live", "--autostart", "--listen", "127.0.0.1:0"]].concat();
+    for arguments in [[&flight[..], &lost].concat(), alone] {
+        let words = refused(bench(&arguments), 4);
+        assert!(words.contains("not armed: the tracker has not seen the marker"), "{words}");
+        std::fs::remove_file(&recording).unwrap();
+    }
 }
 
 #[test]

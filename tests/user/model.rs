@@ -158,6 +158,12 @@ fn the_papers_figures_are_made_and_its_statements_met() {
         assert!(!drawn.contains("NaN") && !drawn.contains("inf"), "{number}");
     }
     let page = Page::read(&scratch.path("paper").join("index.html").to_string_lossy());
+    // Where flight and model lie over one another, their difference is drawn beneath, and the words say so.
+    for (number, title) in [(15, "flight \u{2212} model, cm"), (16, "flight \u{2212} model, m/s")] {
+        assert!(svg(&format!("figure-{number}.svg")).contains(title), "{number}");
+        assert!(page.panels().iter().any(|panel| panel == title), "{:?}", page.panels());
+        assert!(page.section(&format!("Figure {number}")).contains("at the same time"), "{number}");
+    }
     assert!(page.headline().ends_with("statements of the paper are met"), "{}", page.headline());
     assert_eq!(page.plots().len(), 6);
     // The rig that it wrote is one.

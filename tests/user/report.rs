@@ -110,6 +110,42 @@ fn a_cut_recording_is_shown_as_far_as_it_is_whole() {
     assert!(page.panels().contains(&"altitude, m".to_owned()));
 }
 
+#[test]
+fn what_a_cut_recording_does_not_allow_is_left_out_and_the_page_says_why() {
+    let scratch = Scratch::new();
+    let hop = scratch.fly("hop.mcap", &["--mission", "hop"]);
+    let whole = fs::read(&hop).unwrap();
+    let cut = scratch.name("cut.mcap");
+    fs::write(&cut, &whole[..whole.len() * 3 / 4]).unwrap();
+    let file = scratch.name("report.html");
+    let parts = [
+        ("--diff", "Difference: hop.mcap and cut.mcap", "diff"),
+        ("--diagnose", "Diagnosis", "diagnose"),
+        ("--verify", "Verification", "verify"),
+    ];
+    let flags = parts.map(|(flag, ..)| flag);
+    let assert = bench(["report", &hop, &cut, "-o", &file]).args(flags).assert().code(3);
+    let words = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    let page = Page::read(&file);
+    for (flag, title, command) in parts {
+        // What the command itself says of it.
+        let alone = refused(bench([command, &hop, &cut]), 2);
+        let why = alone.trim().strip_prefix("error: ").unwrap();
+        assert!(why.contains("cut.mcap was not closed") && why.contains("bench recover"), "{why}");
+        assert!(words.contains(&format!("warning: {flag}: {why}")), "{flag}: {words}");
+        let section = page.section(title);
+        // A command in the sentence is set as one.
+        let why = why.replace('`', "");
+        assert!(section.contains("Left out") && section.contains(&why), "{title}: {section}");
+    }
+    // The flights themselves are there, and what is wrong with something else is an error still.
+    assert!(page.section("Overview").contains("cut.mcap"));
+    let log = scratch.name("log.html");
+    let wrong = refused(bench(["report", &hop, "--verify", "--rig", "no-such-rig", "-o", &log]), 2);
+    assert!(wrong.contains("no-such-rig"), "{wrong}");
+    assert!(!scratch.path("log.html").exists());
+}
+
 /// An imported log has neither a rig nor a loop.
 #[test]
 fn what_was_not_recorded_leaves_no_trace() {

@@ -80,18 +80,25 @@ impl Page {
         Ok(self.live.frames(calibration)?)
     }
 
-    /// Waits for START; gives the mission as the operator wants it, or why nothing is flown.
+    /// Whether somebody is to press START, again if need be.
+    pub fn waits(&self) -> bool {
+        !self.autostart
+    }
+
+    /// Waits for START; gives the mission as the operator wants it, or why nothing is flown. `warning` says why the START before
+    /// did not lead to a flight.
     pub async fn start(
         &mut self,
         mission: &Mission,
         checked: Vec<String>,
+        warning: Option<String>,
         interrupted: impl Future<Output = &'static str>,
     ) -> Result<Start, String> {
         if self.autostart {
             self.stage(Stage::Starting);
             return Ok(Start { mission: mission.clone(), changes: Vec::new() });
         }
-        self.stage(Stage::Waiting { checked });
+        self.stage(Stage::Waiting { checked, warning });
         eprintln!("waiting for START on the live page (Ctrl-C ends it)");
         tokio::select! {
             start = self.live.started() => start.ok_or_else(|| "the operator ended the bench".to_owned()),
@@ -124,6 +131,7 @@ pub fn directive(controls: Option<&mut Controls>) -> Directive {
         None => Directive::GoOn,
         Some(Ask::Stop) => Directive::Stop(StopReason::Pressed),
         Some(Ask::Altitude(altitude_m)) => Directive::FlyAt(altitude_m),
+        Some(Ask::Land) => Directive::Land,
     }
 }
 

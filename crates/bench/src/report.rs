@@ -12,7 +12,7 @@ use bench_page::{
 };
 use maud::{Markup, html};
 
-pub use self::{flown::Flown, loaded::Loaded};
+pub use self::{flown::Flown, loaded::Loaded, traces::less_between};
 use crate::words;
 
 /// The page of flights, with further sections behind theirs.

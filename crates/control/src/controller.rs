@@ -14,7 +14,11 @@ use crate::{
 #[derive(Debug)]
 pub struct Controller {
     plans: Vec<PhasePlan>,
+    /// Where the mission ends: the number of its plans, unless it was asked to land before.
+    end: usize,
     current: usize,
+    /// The plan to go on with at the next decision, where somebody asked to land.
+    next: Option<usize>,
     phase_began: Time,
     slack_s: f64,
     at_rest: Sticks,
@@ -26,6 +30,33 @@ pub struct Controller {
     envelope_m: [f64; 2],
     /// Added to the altitudes of holds, m; `None` until somebody asks.
     shift_m: Option<f64>,
+    /// The place held last: x and y, m, and heading, rad.
+    held: [f64; 3],
+    /// Whether the landing is one that was asked for.
+    lands_early: bool,
+    /// Where a landing descends: x and y, m, and heading, rad. A planned one does at the origin.
+    lands_at: [f64; 3],
+}
+
+/// What a landing that was asked for comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Landed {
+    /// It begins with the next decision.
+    Begins,
+    /// The mission lands already, or has landed.
+    Already,
+    /// The airframe stands: the mission is over.
+    Stands,
+}
+
+/// A landing was asked for, and the mission has none from here on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoLanding;
+
+impl fmt::Display for NoLanding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the mission has no landing from here on")
+    }
 }
 
 /// Why an altitude that was asked for is not flown.
@@ -143,7 +174,9 @@ impl Controller {
     pub fn beginning_at(rig: &Rig, mission: &Mission, begin: Time) -> Self {
         Self {
             plans: mission.phases.clone(),
+            end: mission.phases.len(),
             current: 0,
+            next: None,
             phase_began: begin,
             slack_s: SLACK * rig.control_loop.period_s,
             at_rest: rig.airframe.sticks.at_rest(),
@@ -154,6 +187,9 @@ impl Controller {
             lateral: LateralLaw::new(rig),
             envelope_m: rig.altitude_envelope_m(),
             shift_m: None,
+            held: [0.0; 3],
+            lands_early: false,
+            lands_at: [0.0; 3],
         }
     }
 
@@ -174,7 +210,9 @@ impl Controller {
         if !(low_m..=high_m).contains(&altitude_m) {
             return Err(AltitudeRefused::Outside { low_m, high_m });
         }
-        let mut ahead = self.plans.iter().enumerate().skip(self.current).filter(|_| !self.aborted);
+        let from = self.next.unwrap_or(self.current);
+        let plans = self.plans[..self.end].iter().enumerate();
+        let mut ahead = plans.skip(from).filter(|_| !self.aborted);
         let planned_m = ahead
             .find_map(|(index, plan)| match &plan.action {
                 PhaseAction::Hold { altitude_m, .. } if index == self.current => {
@@ -186,6 +224,32 @@ impl Controller {
             .ok_or(AltitudeRefused::NoHold)?;
         self.shift_m = Some(altitude_m - planned_m);
         Ok(())
+    }
+
+    /// From the next decision on, flies the next landing of the mission, at the place that is held, and the mission ends with it. Where the
+    /// airframe stands, before take-off or after a landing, the mission ends at once.
+    pub fn land_now(&mut self) -> Result<Landed, NoLanding> {
+        let lands = |plan: &PhasePlan| matches!(plan.action, PhaseAction::Land { .. });
+        if self.aborted {
+            return Err(NoLanding);
+        }
+        let plans = &self.plans[..self.end];
+        let Some(plan) = plans.get(self.current) else { return Ok(Landed::Already) };
+        if self.next.is_some() || lands(plan) {
+            // A mission that would take off again does not.
+            self.end = self.next.unwrap_or(self.current) + 1;
+            return Ok(Landed::Already);
+        }
+        let mut since_landing = plans[..=self.current].iter().rev().take_while(|plan| !lands(plan));
+        if since_landing.all(|plan| matches!(plan.action, PhaseAction::Idle)) {
+            self.end = self.current;
+            return Ok(Landed::Stands);
+        }
+        let ahead = plans[self.current..].iter().position(lands).ok_or(NoLanding)?;
+        let next = self.current + ahead;
+        (self.next, self.end) = (Some(next), next + 1);
+        (self.lands_early, self.lands_at) = (true, self.held);
+        Ok(Landed::Begins)
     }
 
     /// An altitude of the mission as the operator has it flown, m.
@@ -209,7 +273,7 @@ impl Controller {
             state.estimate_m = estimate.position_m;
             state.estimate_m_s = estimate.velocity_m_s;
         }
-        let Some(plan) = self.plans.get(self.current).filter(|_| !self.aborted) else {
+        let Some(plan) = self.plans[..self.end].get(self.current).filter(|_| !self.aborted) else {
             state.phase = if self.aborted { Phase::Abort } else { Phase::Idle };
             return Decision { sticks: self.at_rest(), state, finished: true };
         };
@@ -230,11 +294,16 @@ impl Controller {
                 let altitude_m = self.shifted_m(altitude_m.at(elapsed_s) + extra_m);
                 state.setpoint_m = [x_m.at(elapsed_s), y_m.at(elapsed_s), altitude_m];
                 state.setpoint_heading_rad = heading_rad.at(elapsed_s);
+                let [x_m, y_m, _] = state.setpoint_m;
+                self.held = [x_m, y_m, state.setpoint_heading_rad];
                 let throttle =
                     self.altitude.closed_loop(state.setpoint_m[2], 0.0, estimate.as_ref(), &mut state);
                 (throttle, self.hold_place(&mut state, estimate.as_ref()))
             }
             &PhaseAction::Land { descent_m_s, cut_below_m } => {
+                let [x_m, y_m, heading_rad] = self.lands_at;
+                state.setpoint_m = [x_m, y_m, 0.0];
+                state.setpoint_heading_rad = heading_rad;
                 let throttle = self.land(now, descent_m_s, cut_below_m, estimate.as_ref(), &mut state);
                 let lateral = if matches!(self.landing, Landing::Descending { .. }) {
                     self.hold_place(&mut state, estimate.as_ref())
@@ -249,8 +318,11 @@ impl Controller {
 
     /// Goes to the next phase when this one is over.
     fn move_on(&mut self, now: Time) {
-        while let Some(plan) = self.plans.get(self.current) {
-            let over = now.since_s(self.phase_began) >= plan.duration_s - self.slack_s
+        if let Some(next) = self.next.take() {
+            (self.current, self.phase_began, self.landing) = (next, now, Landing::Not);
+        }
+        while let Some(plan) = self.plans[..self.end].get(self.current) {
+            let over = now.since_s(self.phase_began) >= self.longest_s(plan) - self.slack_s
                 || self.landing == Landing::Done;
             if !over {
                 return;
@@ -259,6 +331,19 @@ impl Controller {
             self.current += 1;
             // At the instant of the iteration, not of the plan: a late loop still gives each phase its time.
             self.phase_began = now;
+        }
+    }
+
+    /// How long a phase may last, s. A landing from where the mission did not foresee it may take its way down beyond its time: the
+    /// throttle would go to rest in the air.
+    fn longest_s(&self, plan: &PhasePlan) -> f64 {
+        let foreseen = self.shift_m.is_none() && !self.lands_early;
+        match (&plan.action, self.landing) {
+            (PhaseAction::Land { descent_m_s, .. }, Landing::Descending { from_m }) if !foreseen => {
+                plan.duration_s + from_m.max(0.0) / descent_m_s
+            }
+            (PhaseAction::Land { .. }, Landing::Settling { .. }) if !foreseen => f64::INFINITY,
+            _ => plan.duration_s,
         }
     }
 

@@ -14,4 +14,4 @@ mod ground_effect;
 mod lateral;
 mod observer;
 
-pub use controller::{AltitudeRefused, Controller, Decision};
+pub use controller::{AltitudeRefused, Controller, Decision, Landed, NoLanding};

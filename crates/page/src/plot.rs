@@ -173,9 +173,9 @@ pub struct Panel {
     pub(crate) series: Vec<Series>,
     pub(crate) y: Option<[f64; 2]>,
     fixed: bool,
-    low: bool,
+    pub(crate) low: bool,
     bands: Vec<[f64; 2]>,
-    levels: Vec<(f64, String)>,
+    pub(crate) levels: Vec<(f64, String)>,
 }
 
 impl Panel {

@@ -10,6 +10,9 @@ const CEILING_SHARE: f64 = 0.8;
 /// The shortest that a hold can be made, s.
 const HOLD_MIN_S: f64 = 1.0;
 
+/// The shortest that a landing is made, s.
+const LANDING_MIN_S: f64 = 1.0;
+
 /// Why a mission cannot be changed as asked.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
@@ -95,7 +98,8 @@ impl Mission {
         }
     }
 
-    /// The mission with another altitude in all of its holds, if it has one and the rig allows the other. Criteria on the peak move along.
+    /// The mission with another altitude in all of its holds, if it has one and the rig allows the other. Criteria on the peak move along, and
+    /// landings get the time that the other way down takes.
     pub fn at_altitude(mut self, altitude_m: f64, rig: &Rig) -> Result<Self, ChangeError> {
         let before_m = self.altitude_m()?;
         let [low_m, high_m] = rig.altitude_envelope_m();
@@ -103,8 +107,14 @@ impl Mission {
             return Err(ChangeError::Altitude { altitude_m, low_m, high_m });
         }
         for plan in &mut self.phases {
-            if let PhaseAction::Hold { altitude_m: profile, .. } = &mut plan.action {
-                *profile = Profile::constant(altitude_m);
+            match &mut plan.action {
+                PhaseAction::Hold { altitude_m: profile, .. } => *profile = Profile::constant(altitude_m),
+                // Out of its time the throttle would go to rest in the air.
+                PhaseAction::Land { descent_m_s, .. } => {
+                    let longest_s = plan.duration_s + (altitude_m - before_m) / *descent_m_s;
+                    plan.duration_s = longest_s.max(plan.duration_s.min(LANDING_MIN_S));
+                }
+                _ => {}
             }
         }
         for peak_m in [&mut self.criteria.peak_min_m, &mut self.criteria.peak_max_m].into_iter().flatten() {

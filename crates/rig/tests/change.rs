@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bench_rig::{ChangeError, Mission, Rig};
+use bench_rig::{ChangeError, Mission, PhaseAction, Rig};
 
 fn rigs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
@@ -37,6 +37,25 @@ fn altitude_and_flight_time_change_the_holds_and_the_peaks_and_nothing_else() {
     let low = Mission::read(Path::new("m.toml"), &low).unwrap();
     assert_eq!(low.altitude_m(), Ok(0.03));
     assert_eq!(low.clone().at_altitude(0.03, &rig), Ok(low));
+}
+
+#[test]
+fn a_landing_from_higher_up_gets_the_time_that_its_way_down_takes() {
+    let (rig, before) = (rig(), mission("climb-040.toml"));
+    let landing_s = |mission: &Mission| {
+        let landing = mission.phases.iter().find_map(|plan| match plan.action {
+            PhaseAction::Land { descent_m_s, .. } => Some((plan.duration_s, descent_m_s)),
+            _ => None,
+        });
+        landing.unwrap()
+    };
+    let (planned_s, descent_m_s) = landing_s(&before);
+    let (high_s, _) = landing_s(&before.clone().at_altitude(1.6, &rig).unwrap());
+    assert!((high_s - planned_s - 1.2 / descent_m_s).abs() < 1e-12, "{high_s} s");
+    // A mission that leaves too little time for its own altitude is not left with less than none.
+    let hasty = before.to_toml().replace("duration_s = 6.0", "duration_s = 0.5");
+    let hasty = Mission::read(Path::new("m.toml"), &hasty).unwrap();
+    assert_eq!(landing_s(&hasty.at_altitude(0.1, &rig).unwrap()).0, 0.5);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 use std::fmt::Write as _;
 
-use bench_control::Controller;
+use bench_control::{Controller, Landed};
 use bench_device::{Clock, DeviceError, PositionSource, Time, VoltageOutput};
 use bench_recording::{Command, Event, EventText, Level, ReadbackAt, Record, Tick};
 use bench_rig::{Mission, Phase, Rig};
@@ -59,6 +59,8 @@ pub enum Directive {
     Stop(StopReason),
     /// Go on with holds at this altitude, m, within the rig's envelope.
     FlyAt(f64),
+    /// Go on with the mission's landing.
+    Land,
 }
 
 impl From<bool> for Directive {
@@ -109,6 +111,7 @@ pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink, D: Into<Direc
             Directive::GoOn => {}
             Directive::Stop(reason) => flight.stop(reason, now, sink),
             Directive::FlyAt(altitude_m) => flight.fly_at(altitude_m, now, sink),
+            Directive::Land => flight.land(now, sink),
         }
         if finished && now.since_s(*finished_at.get_or_insert(now)) >= TAIL_S {
             break flight.stopped.map_or(Ending::Complete, Ending::Stopped);
@@ -221,6 +224,18 @@ impl Flight {
                 );
             }
         }
+    }
+
+    fn land(&mut self, now: Time, sink: &mut impl Sink) {
+        let words = match self.controller.land_now() {
+            Ok(Landed::Begins) => "asked to land",
+            Ok(Landed::Already) => "asked to land, which it does already",
+            Ok(Landed::Stands) => "asked to land while it stands: the mission is over",
+            Err(refused) => {
+                return event(sink, now, Level::Warning, format_args!("asked to land, refused: {refused}"));
+            }
+        };
+        event(sink, now, Level::Info, format_args!("{words}"));
     }
 
     /// The first reason to stop is the one that counts.

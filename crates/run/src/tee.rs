@@ -64,6 +64,11 @@ impl<S: Sink> Tee<S> {
     pub fn into_inner(self) -> S {
         self.sink
     }
+
+    /// The sink and who watches, for another flight.
+    pub fn into_parts(self) -> (S, Option<Watcher>) {
+        (self.sink, self.watcher)
+    }
 }
 
 impl<S: Sink> Sink for Tee<S> {

@@ -82,6 +82,7 @@ fn fly_and_count(mut rig: Rig, rigs: &Path) {
         match counted.len() {
             20 => Directive::FlyAt(0.5),
             22 => Directive::FlyAt(50.0),
+            26 => Directive::Land,
             _ => Directive::GoOn,
         }
     });

@@ -97,6 +97,118 @@ fn what_cannot_be_flown_is_refused_and_told() {
     }
 }
 
+/// Phases in their order, each with the time of its first iteration, s.
+fn phases(records: &[Record]) -> Vec<(Phase, f64)> {
+    let mut phases: Vec<(Phase, f64)> = Vec::new();
+    for record in records {
+        if let Record::ControlState(state) = record
+            && phases.last().is_none_or(|(phase, _)| *phase != state.phase)
+        {
+            phases.push((state.phase, state.time.seconds()));
+        }
+    }
+    phases
+}
+
+/// Landings of the same mission touched down within 0.05 m/s of one another when this was written; this is three times as much, m/s. A fall from
+/// the 0.7 m that were left of a landing which ended too early had 3.3 m/s.
+const TOUCHDOWN_M_S: f64 = 0.15;
+
+/// When it truly was above 5 mm for the last time, s, and its vertical speed then, m/s.
+fn touchdown(records: &[Record]) -> Option<[f64; 2]> {
+    let mut truth =
+        records.iter().filter_map(|r| if let Record::Truth(truth) = r { Some(truth) } else { None });
+    let last = truth.rfind(|truth| truth.position_m[2] > 0.005)?;
+    Some([last.time.seconds(), last.velocity_m_s[2]])
+}
+
+#[test]
+fn a_landing_that_is_asked_for_begins_in_the_next_iteration_and_ends_the_mission() {
+    let (as_planned, planned) = fly("climb-040.toml", |_| Directive::GoOn);
+    let (flown, records) = fly("climb-040.toml", once(8.0, Directive::Land));
+    assert_eq!((&flown.ending, &as_planned.ending), (&Ending::Complete, &Ending::Complete));
+    let names: Vec<_> = phases(&records).into_iter().map(|(phase, _)| phase).collect();
+    assert_eq!(names, [Phase::Idle, Phase::Launch, Phase::Hold, Phase::Land, Phase::Idle]);
+    let began_s = phases(&records)[3].1;
+    assert!((began_s - 8.1).abs() < 0.011, "{began_s} s");
+    assert!(events(&records).contains(&"asked to land"), "{:?}", events(&records));
+    // It comes down as the planned landing does, only earlier.
+    let ([planned_s, planned_m_s], [down_s, down_m_s]) =
+        (touchdown(&planned).unwrap(), touchdown(&records).unwrap());
+    let took_s = [down_s - began_s, planned_s - phases(&planned)[3].1];
+    // From 0.4 m at 0.15 m/s: 5 cm of where it was when it began.
+    assert!((took_s[0] - took_s[1]).abs() < 0.05 / 0.15, "{took_s:?} s");
+    assert!((down_m_s - planned_m_s).abs() < TOUCHDOWN_M_S, "{down_m_s} m/s, planned {planned_m_s} m/s");
+}
+
+#[test]
+fn a_landing_from_higher_than_planned_comes_down_all_the_way_before_the_throttle_rests() {
+    let (_, planned) = fly("climb-040.toml", |_| Directive::GoOn);
+    let planned_m_s = touchdown(&planned).unwrap()[1];
+    for land_at_s in [10.0, f64::INFINITY] {
+        // At 0.15 m/s the 6 s of the mission's landing are enough for 0.9 m.
+        let (mut high, mut land) = (once(2.0, Directive::FlyAt(1.6)), once(land_at_s, Directive::Land));
+        let (flown, records) = fly("climb-040.toml", |now_s| match high(now_s) {
+            Directive::GoOn => land(now_s),
+            directive => directive,
+        });
+        assert_eq!(flown.ending, Ending::Complete);
+        let down_m_s = touchdown(&records).unwrap()[1];
+        assert!((down_m_s - planned_m_s).abs() < TOUCHDOWN_M_S, "{down_m_s} m/s, planned {planned_m_s} m/s");
+    }
+}
+
+#[test]
+fn a_landing_is_flown_where_the_airframe_is_held() {
+    let (flown, records) = fly("hold-3d.toml", once(9.0, Directive::Land));
+    assert_eq!(flown.ending, Ending::Complete);
+    let setpoint = |phase: Phase| {
+        let mut states =
+            records.iter().filter_map(|r| if let Record::ControlState(s) = r { Some(s) } else { None });
+        let state = states.rfind(|state| state.phase == phase).copied();
+        state.map(|state| ([state.setpoint_m[0], state.setpoint_m[1]], state.setpoint_heading_rad)).unwrap()
+    };
+    let held = setpoint(Phase::Hold);
+    assert_ne!(held.0, [0.0; 2], "this tells nothing where the origin is held");
+    let descends = records
+        .iter()
+        .filter_map(|r| if let Record::ControlState(s) = r { Some(s) } else { None })
+        .find(|state| state.phase == Phase::Land)
+        .unwrap();
+    assert_eq!(([descends.setpoint_m[0], descends.setpoint_m[1]], descends.setpoint_heading_rad), held);
+}
+
+#[test]
+fn a_landing_asked_for_again_before_take_off_or_where_there_is_none_is_answered() {
+    // In the landing, and behind its end.
+    for at_s in [20.0, 22.5] {
+        let (flown, records) = fly("climb-040.toml", once(at_s, Directive::Land));
+        assert_eq!(flown.ending, Ending::Complete);
+        let told = events(&records);
+        assert!(told.contains(&"asked to land, which it does already"), "at {at_s} s: {told:?}");
+    }
+    // Twice, before the first was heeded.
+    let mut left = 2;
+    let (flown, records) = fly("climb-040.toml", |now_s| {
+        let asks = now_s >= 5.0 && left > 0;
+        left -= i32::from(asks);
+        if asks { Directive::Land } else { Directive::GoOn }
+    });
+    assert_eq!(flown.ending, Ending::Complete);
+    assert_eq!(phases(&records).iter().filter(|(phase, _)| *phase == Phase::Land).count(), 1);
+    // It stands: nothing takes off.
+    let (flown, records) = fly("climb-040.toml", once(0.5, Directive::Land));
+    assert_eq!(flown.ending, Ending::Complete);
+    assert!(events(&records).contains(&"asked to land while it stands: the mission is over"));
+    assert_eq!(touchdown(&records), None, "it never left the ground");
+    // A hop has no landing.
+    let (_, planned) = fly("hop.toml", |_| Directive::GoOn);
+    let (_, records) = fly("hop.toml", once(1.5, Directive::Land));
+    let told = events(&records);
+    assert!(told.contains(&"asked to land, refused: the mission has no landing from here on"), "{told:?}");
+    assert_eq!(phases(&planned), phases(&records));
+}
+
 #[test]
 fn a_press_of_stop_rests_the_throttle_in_the_next_iteration() {
     let (flown, records) = fly("climb-040.toml", once(5.0, Directive::Stop(StopReason::Pressed)));

@@ -29,6 +29,8 @@ pub enum Stage {
     Waiting {
         /// What was checked, a line each.
         checked: Vec<String>,
+        /// Why the START before this one did not lead to a flight.
+        warning: Option<String>,
     },
     /// START was pressed, or is not waited for; the marker is looked for and outputs are armed.
     Starting,

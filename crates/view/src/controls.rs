@@ -5,8 +5,8 @@ use std::sync::{
 
 use rtrb::{Consumer, Producer, RingBuffer};
 
-/// Altitudes that may wait for the loop.
-const ALTITUDES: usize = 16;
+/// How much may wait for the loop.
+const ASKS: usize = 16;
 
 /// What the page asks of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,19 +15,21 @@ pub enum Ask {
     Stop,
     /// Hold this altitude, m.
     Altitude(f64),
+    /// Go on with the mission's landing.
+    Land,
 }
 
 /// The loop's end of what the page commands. Neither allocates nor locks.
 #[derive(Debug)]
 pub struct Controls {
     stop: Arc<AtomicBool>,
-    altitudes: Consumer<f64>,
+    asks: Consumer<Ask>,
 }
 
 impl Controls {
     /// What is asked for next; STOP comes before all else, and stays.
     pub fn next_ask(&mut self) -> Option<Ask> {
-        if self.stopped() { Some(Ask::Stop) } else { self.altitudes.pop().ok().map(Ask::Altitude) }
+        if self.stopped() { Some(Ask::Stop) } else { self.asks.pop().ok() }
     }
 
     /// Whether STOP was pressed.
@@ -39,7 +41,7 @@ impl Controls {
 /// The page's end.
 pub(crate) struct Commands {
     stop: Arc<AtomicBool>,
-    altitudes: Producer<f64>,
+    asks: Producer<Ask>,
 }
 
 impl Commands {
@@ -48,13 +50,13 @@ impl Commands {
     }
 
     /// False when the loop has not taken those before.
-    pub(crate) fn altitude(&mut self, altitude_m: f64) -> bool {
-        self.altitudes.push(altitude_m).is_ok()
+    pub(crate) fn ask(&mut self, ask: Ask) -> bool {
+        self.asks.push(ask).is_ok()
     }
 }
 
 pub(crate) fn channel() -> (Commands, Controls) {
     let stop = Arc::new(AtomicBool::new(false));
-    let (producer, consumer) = RingBuffer::new(ALTITUDES);
-    (Commands { stop: Arc::clone(&stop), altitudes: producer }, Controls { stop, altitudes: consumer })
+    let (producer, consumer) = RingBuffer::new(ASKS);
+    (Commands { stop: Arc::clone(&stop), asks: producer }, Controls { stop, asks: consumer })
 }

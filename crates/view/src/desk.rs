@@ -5,12 +5,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bench_rig::{ChangeError, Mission};
+use bench_rig::{ChangeError, Mission, Phase};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::mpsc;
 
-use crate::{About, Stage, controls::Commands};
+use crate::{About, Ask, Stage, controls::Commands};
 
 /// START, with what the operator made of the mission.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +53,8 @@ pub(crate) enum Command {
     Stop,
     /// Hold this altitude from now on.
     Altitude { altitude_m: f64 },
+    /// Go on with the mission's landing.
+    Land,
     /// Leave: nobody looks any more.
     End,
     /// Views were drawn: there is room for the next.
@@ -73,6 +75,10 @@ pub(crate) struct Desk {
     /// Altitude and flight time that are flown, where the operator set them, m and s.
     altitude_m: Option<f64>,
     flight_time_s: Option<f64>,
+    /// What the loop said last that it does.
+    phase: Option<Phase>,
+    /// Whether a landing was asked for.
+    lands: bool,
 }
 
 impl Desk {
@@ -86,6 +92,8 @@ impl Desk {
                 .is_ok()
                 .then(|| about.mission.flight_time_s()),
             about,
+            phase: None,
+            lands: false,
             stage: Stage::Preparing,
             commands,
             clients: BTreeSet::new(),
@@ -121,6 +129,10 @@ impl Desk {
         self.stage = stage;
     }
 
+    pub(crate) fn set_phase(&mut self, phase: Phase) {
+        self.phase = Some(phase);
+    }
+
     /// What every page shows of it.
     pub(crate) fn as_json(&self) -> Value {
         let mut value = json!(self.stage);
@@ -153,6 +165,7 @@ impl Desk {
             }
             Command::Start { altitude_m, flight_time_s } => self.start(altitude_m, flight_time_s),
             Command::Altitude { altitude_m } => self.fly_at(altitude_m),
+            Command::Land => self.land(),
             Command::End => match self.stage {
                 Stage::Landed(_) | Stage::Waiting { .. } => self.press(Pressed::End, "the bench ends"),
                 _ => Err("the bench ends when nothing flies".to_owned()),
@@ -209,11 +222,39 @@ impl Desk {
         if !(low_m..=high_m).contains(&altitude_m) {
             return Err(format!("{altitude_m} m is outside of the rig's {low_m:.2} to {high_m:.2} m"));
         }
-        if !self.commands.altitude(altitude_m) {
-            return Err("the loop has not taken the altitudes before; try again".to_owned());
+        if self.is_landing() {
+            return Err("it is landing".to_owned());
         }
+        self.ask(Ask::Altitude(altitude_m))?;
         self.altitude_m = Some(altitude_m);
         Ok(format!("holding {altitude_m:.2} m from now on"))
+    }
+
+    fn land(&mut self) -> Answer {
+        if self.stage != Stage::Flying {
+            return Err("LAND is for a flight that is under way".to_owned());
+        }
+        if self.is_landing() {
+            return Ok("it is landing already".to_owned());
+        }
+        if !self.about.mission.phases.iter().any(|plan| plan.action.phase() == Phase::Land) {
+            return Err("this mission has no landing; STOP sends the throttle to rest".to_owned());
+        }
+        self.ask(Ask::Land)?;
+        self.lands = true;
+        Ok("LAND: on to the mission's landing".to_owned())
+    }
+
+    fn is_landing(&self) -> bool {
+        self.lands || self.phase == Some(Phase::Land)
+    }
+
+    fn ask(&mut self, ask: Ask) -> Result<(), String> {
+        if self.commands.ask(ask) {
+            Ok(())
+        } else {
+            Err("the loop has not taken what was asked for before; try again".to_owned())
+        }
     }
 
     fn press(&self, pressed: Pressed, words: &str) -> Answer {
@@ -287,7 +328,7 @@ mod tests {
     fn the_first_commands_until_it_hands_over_or_leaves() {
         let (mut desk, _controls, _pressed) = desk_for("climb-040.toml");
         let [first, second] = [desk.come(), desk.come()];
-        desk.set_stage(Stage::Waiting { checked: Vec::new() });
+        desk.set_stage(Stage::Waiting { checked: Vec::new(), warning: None });
         assert!(desk.command(second, &start(None, None)).is_err());
         assert!(desk.command(second, &Command::Take).is_err());
         assert!(desk.command(second, &Command::Release).is_err());
@@ -306,7 +347,7 @@ mod tests {
         let (mut desk, _controls, mut pressed) = desk_for("climb-040.toml");
         let client = desk.come();
         assert!(desk.command(client, &start(None, None)).is_err(), "devices are not ready");
-        desk.set_stage(Stage::Waiting { checked: Vec::new() });
+        desk.set_stage(Stage::Waiting { checked: Vec::new(), warning: None });
         let too_high = desk.command(client, &start(Some(1.9), None)).unwrap_err();
         assert!(too_high.contains("1.9 m") && too_high.contains("0.05 to 1.60 m"), "{too_high}");
         let too_short = desk.command(client, &start(None, Some(1.0))).unwrap_err();
@@ -323,7 +364,7 @@ mod tests {
         for (mission, words) in [("steps.toml", "holds one altitude"), ("hop.toml", "holds no altitude")] {
             let (mut desk, _controls, _pressed) = desk_for(mission);
             let client = desk.come();
-            desk.set_stage(Stage::Waiting { checked: Vec::new() });
+            desk.set_stage(Stage::Waiting { checked: Vec::new(), warning: None });
             let refused = desk.command(client, &start(Some(0.6), None)).unwrap_err();
             assert!(refused.contains(words), "{refused}");
             assert!(desk.command(client, &start(None, None)).is_ok(), "as it stands it can be flown");
@@ -356,6 +397,43 @@ mod tests {
         desk.set_stage(Stage::Landed(Outcome::default()));
         assert!(desk.command(second, &Command::End).is_err());
         assert!(desk.command(first, &Command::End).is_ok());
+    }
+
+    #[test]
+    fn the_operator_has_it_land_and_a_second_press_is_answered_kindly() {
+        let (mut desk, mut controls, _pressed) = desk_for("climb-040.toml");
+        let [first, second] = [desk.come(), desk.come()];
+        assert!(desk.command(first, &Command::Land).is_err(), "nothing flies");
+        desk.set_stage(Stage::Flying);
+        desk.set_phase(Phase::Hold);
+        assert!(desk.command(second, &Command::Land).is_err(), "it has not the command");
+        assert_eq!(controls.next_ask(), None);
+        desk.command(first, &Command::Altitude { altitude_m: 0.6 }).unwrap();
+        assert!(desk.command(first, &Command::Land).unwrap().starts_with("LAND"));
+        assert_eq!(
+            [controls.next_ask(), controls.next_ask()],
+            [Some(Ask::Altitude(0.6)), Some(Ask::Land)],
+            "in their order"
+        );
+        assert_eq!(desk.command(first, &Command::Land).unwrap(), "it is landing already");
+        let refused = desk.command(first, &Command::Altitude { altitude_m: 0.5 }).unwrap_err();
+        assert!(refused.contains("landing"), "{refused}");
+        assert_eq!(controls.next_ask(), None);
+
+        // By itself, too.
+        let (mut desk, mut controls, _pressed) = desk_for("climb-040.toml");
+        let client = desk.come();
+        desk.set_stage(Stage::Flying);
+        desk.set_phase(Phase::Land);
+        assert_eq!(desk.command(client, &Command::Land).unwrap(), "it is landing already");
+        assert_eq!(controls.next_ask(), None);
+
+        let (mut desk, mut controls, _pressed) = desk_for("hop.toml");
+        let client = desk.come();
+        desk.set_stage(Stage::Flying);
+        let refused = desk.command(client, &Command::Land).unwrap_err();
+        assert!(refused.contains("no landing") && refused.contains("STOP"), "{refused}");
+        assert_eq!(controls.next_ask(), None);
     }
 
     #[test]

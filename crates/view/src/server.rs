@@ -275,6 +275,9 @@ impl Hub {
             self.telemetry.take(&record);
             taken += 1;
         }
+        if let Some(phase) = self.telemetry.phase() {
+            shared.inner().desk.set_phase(phase);
+        }
         if let Some(batch) = self.telemetry.batch(self.missed.load(Ordering::Relaxed)) {
             shared.publish(batch);
         }

@@ -104,6 +104,7 @@ pub(crate) struct Telemetry {
     overruns: u64,
     lost: u64,
     lateness_max_s: f64,
+    phase: Option<Phase>,
 }
 
 impl Telemetry {
@@ -125,6 +126,7 @@ impl Telemetry {
             overruns: 0,
             lost: 0,
             lateness_max_s: 0.0,
+            phase: None,
         }
     }
 
@@ -132,6 +134,7 @@ impl Telemetry {
         match record {
             Record::Position(sample) => self.sighted(sample),
             Record::ControlState(state) => {
+                self.phase = Some(state.phase);
                 let phase = Phase::ALL.iter().position(|phase| *phase == state.phase).unwrap_or_default();
                 let [sx, sy, sz] = if state.phase == Phase::Hold || state.phase == Phase::Land {
                     state.setpoint_m
@@ -195,6 +198,11 @@ impl Telemetry {
             // What a flight of ours does not record.
             Record::Motion(_) | Record::Battery(_) | Record::Rotor(_) => {}
         }
+    }
+
+    /// The phase of the last iteration.
+    pub(crate) fn phase(&self) -> Option<Phase> {
+        self.phase
     }
 
     fn sighted(&mut self, sample: &PositionSample) {

@@ -13,7 +13,7 @@ use bench_kinect::{
     track::{Sighting, Tracker},
 };
 use bench_recording::{Record, Tick, Truth};
-use bench_rig::{Mission, Rig};
+use bench_rig::{ControlState, Mission, Phase, Rig};
 use bench_view::{About, Ask, Controls, Live, Outcome, Stage};
 use rtrb::{Producer, RingBuffer};
 use serde_json::{Value, json};
@@ -221,6 +221,12 @@ fn one_commands_all_stop_and_stop_is_never_one_too_many() {
         second.send(Message::text(wrong)).unwrap();
         assert_eq!(hear(&mut second, "answer")["done"], false, "{wrong}");
     }
+    assert!(!asks(&mut second, &json!({ "command": "land" })).0);
+    assert_eq!(
+        asks(&mut first, &json!({ "command": "land" })),
+        (true, "LAND: on to the mission's landing".to_owned())
+    );
+    assert_eq!(served.controls.next_ask(), Some(Ask::Land));
     // Far more than the rate allows, and then STOP from the one who was cut off.
     let answers: Vec<_> = (0..30).map(|_| asks(&mut second, &altitude(0.5)).1).collect();
     assert!(answers.last().unwrap().contains("too many commands"), "{answers:?}");
@@ -228,6 +234,21 @@ fn one_commands_all_stop_and_stop_is_never_one_too_many() {
     assert_eq!(served.controls.next_ask(), Some(Ask::Stop));
     drop(first);
     hear_until(&mut second, "state", |state| state["operator"].is_null());
+}
+
+#[test]
+fn land_is_answered_by_what_the_loop_says_that_it_does() {
+    let mut served = serve();
+    let mut browser = served.browser();
+    served.live.stage(Stage::Flying);
+    let state = ControlState { phase: Phase::Land, ..ControlState::default() };
+    assert!(served.push(Record::ControlState(state)));
+    hear_until(&mut browser, "batch", |batch| batch["control"].is_array());
+    assert_eq!(asks(&mut browser, &json!({ "command": "land" })), (true, "it is landing already".to_owned()));
+    assert_eq!(served.controls.next_ask(), None);
+    // More than the rate allows.
+    let answers: Vec<_> = (0..30).map(|_| asks(&mut browser, &json!({ "command": "land" })).1).collect();
+    assert!(answers.last().unwrap().contains("too many commands"), "{answers:?}");
 }
 
 #[test]

@@ -23,7 +23,10 @@ use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
 use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
-use tokio::{runtime::Runtime, sync::oneshot};
+use tokio::{
+    runtime::Runtime,
+    sync::mpsc::{UnboundedReceiver, unbounded_channel},
+};
 
 use crate::{
     arguments::{Force, Json},
@@ -114,10 +117,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .check()?;
 
     let stop = Arc::new(AtomicBool::new(false));
-    let (progress, screen) = Screen::new();
+    let (progress, mut screen) = Screen::new();
     let (ready_sender, ready) = mpsc::channel();
     let (order, orders) = mpsc::channel();
-    let (landed_sender, landed) = oneshot::channel();
+    let (landed_sender, mut landed) = unbounded_channel();
     // Signals are caught before anything can be armed.
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut signals = {
@@ -143,7 +146,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let handle = std::thread::Builder::new()
         .name("loop".to_owned())
-        .spawn(move || thread.run(&ready_sender, &orders, landed_sender))
+        .spawn(move || thread.run(&ready_sender, &orders, &landed_sender))
         .context("cannot start the loop's thread")?;
 
     let ready = match ready.recv() {
@@ -166,31 +169,45 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if let Some(sees) = &ready.sees {
         warn_of_other_constants(&rig, sees);
     }
-    let Start { mission, changes } = match started(page.as_mut(), &runtime, &mut signals, mission, checked) {
-        Ok(start) => start,
-        Err(why) => {
-            // Without an order the thread disarms and ends.
-            drop(order);
-            let _ = handle.join();
-            eprintln!("not flown: {why}");
-            not_flown(page, &why);
-            return Ok(Exit::Stopped);
-        }
+    let mut warning = None;
+    let (mission, landed) = loop {
+        let start =
+            started(page.as_mut(), &runtime, &mut signals, &mission, (checked.clone(), warning.take()));
+        let Start { mission, changes } = match start {
+            Ok(start) => start,
+            Err(why) => {
+                // Without an order the thread disarms and ends.
+                drop(order);
+                let _ = handle.join();
+                eprintln!("not flown: {why}");
+                not_flown(page, &why);
+                return Ok(Exit::Stopped);
+            }
+        };
+        let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
+        recorded::note_changes(&mut session, &changes);
+        let recorder = match recorder(&output, &session, foxglove.as_ref()) {
+            Ok(recorder) => recorder,
+            Err(error) => {
+                drop(order);
+                let _ = handle.join();
+                not_flown(page, &error.to_string());
+                return Err(error);
+            }
+        };
+        let _ = order.send(Order::Fly(recorder, mission.clone()));
+        let watching =
+            watch(&mut landed, &mut screen, page.as_ref(), &mut signals, &stop, mission.duration_s());
+        let landed = runtime.block_on(watching);
+        // Who presses START can put the airframe into sight, and press it again.
+        let waits = page.as_ref().is_some_and(Page::waits);
+        let missed = landed.as_ref().filter(|_| waits).and_then(Landed::missed_marker);
+        let Some(missed) = missed.map(ToString::to_string) else { break (mission, landed) };
+        discard(landed, &output);
+        words::warn(format_args!("not armed: {missed}"));
+        warning = Some(format!("Not armed: {missed}, and press START again."));
     };
-    let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
-    recorded::note_changes(&mut session, &changes);
-    let recorder = match recorder(&output, &session, foxglove.as_ref()) {
-        Ok(recorder) => recorder,
-        Err(error) => {
-            drop(order);
-            let _ = handle.join();
-            not_flown(page, &error.to_string());
-            return Err(error);
-        }
-    };
-    let _ = order.send(Order::Fly(recorder, mission.clone()));
-    let watching = watch(landed, screen, page.as_ref(), &mut signals, &stop, mission.duration_s());
-    let landed = runtime.block_on(watching);
+    drop(order);
     let joined = handle.join();
     let (Some(landed), Ok(())) = (landed, joined) else {
         words::fail(FAILED);
@@ -220,12 +237,12 @@ fn started(
     page: Option<&mut Page>,
     runtime: &Runtime,
     signals: &mut Signals,
-    mission: Mission,
-    checked: Vec<String>,
+    mission: &Mission,
+    (checked, warning): (Vec<String>, Option<String>),
 ) -> Result<Start, String> {
     match page {
-        None => Ok(Start { mission, changes: Vec::new() }),
-        Some(page) => runtime.block_on(page.start(&mission, checked, signals.next())),
+        None => Ok(Start { mission: mission.clone(), changes: Vec::new() }),
+        Some(page) => runtime.block_on(page.start(mission, checked, warning, signals.next())),
     }
 }
 
@@ -242,10 +259,18 @@ fn recorder(output: &Path, session: &Session, foxglove: Option<&Server>) -> anyh
     Ok(Recorder::create_observed(output, session, Options::REAL_TIME, observer)?)
 }
 
+/// Removes the recording of a START after which nothing was flown.
+fn discard(landed: Option<Landed>, output: &Path) {
+    drop(landed);
+    if let Err(error) = std::fs::remove_file(output) {
+        words::warn(format_args!("{} holds nothing and could not be removed: {error}", output.display()));
+    }
+}
+
 /// Waits for the flight to end, with the screen and the signals.
 async fn watch(
-    mut landed: oneshot::Receiver<Landed>,
-    mut shown: Screen,
+    landed: &mut UnboundedReceiver<Landed>,
+    shown: &mut Screen,
     page: Option<&Page>,
     signals: &mut Signals,
     stop: &AtomicBool,
@@ -256,9 +281,9 @@ async fn watch(
     shown.begin(duration_s);
     loop {
         tokio::select! {
-            landed = &mut landed => {
+            landed = landed.recv() => {
                 shown.end();
-                return landed.ok();
+                return landed;
             }
             name = signals.next() => {
                 if stop.swap(true, Ordering::Relaxed) {

@@ -39,6 +39,7 @@ use crate::{
     model_page::{ground_figure, thrust_figure, trajectory_figure},
     progress::Progress,
     recorded::{added_effects, simulated_session},
+    report::less_between,
     words,
 };
 
@@ -222,12 +223,12 @@ impl Work {
             (
                 "figure-15",
                 self.figure_15(),
-                "Altitude of a climb to 0.4 m: the virtual laboratory as its tracker saw it, and the model with the identified numbers in calm air.",
+                "Altitude of a climb to 0.4 m: the virtual laboratory as its tracker saw it, and the model with the identified numbers in calm air. Below, what the tracker saw less the model's altitude at the same time, in centimetres.",
             ),
             (
                 "figure-16",
                 self.figure_16(),
-                "Vertical speed of the same: slope of what was seen over 0.2 s, and the model's.",
+                "Vertical speed of the same: slope of what was seen over 0.2 s, and the model's. Below, the slope less the model's speed at the same time.",
             ),
         ]
     }
@@ -256,14 +257,22 @@ impl Work {
             .with(Series::new("wanted", Mark::Dashed, 5, wanted))
             .with(Series::new("model", Mark::Line, 0, true_altitude(&self.model_climb)))
             .with(Series::new("flight", Mark::Dots, 1, seen(&self.climb)));
-        Plot::new("Figure 15: altitude of a climb to 0.4 m", "time, s").panel(panel).group("climb")
+        let off = less_between(&seen(&self.climb), &true_altitude(&self.model_climb), 100.0);
+        Plot::new("Figure 15: altitude of a climb to 0.4 m", "time, s")
+            .panel(panel)
+            .panel(difference("flight \u{2212} model, cm", off))
+            .group("climb")
     }
 
     fn figure_16(&self) -> Plot {
         let panel = Panel::new("speed, m/s")
             .with(Series::new("flight", Mark::Line, 1, seen_speed(&self.climb)))
             .with(Series::new("model", Mark::Line, 0, true_speed(&self.model_climb)));
-        Plot::new("Figure 16: vertical speed of the same climb", "time, s").panel(panel).group("climb")
+        let off = less_between(&seen_speed(&self.climb), &true_speed(&self.model_climb), 1.0);
+        Plot::new("Figure 16: vertical speed of the same climb", "time, s")
+            .panel(panel)
+            .panel(difference("flight \u{2212} model, m/s", off))
+            .group("climb")
     }
 
     fn page(
@@ -284,6 +293,11 @@ impl Work {
             .made_by(words::command())
             .html()
     }
+}
+
+/// What is off, about a line at zero.
+fn difference(title: &str, off: Vec<(f64, f64)>) -> Panel {
+    Panel::new(title).with(Series::new("", Mark::Line, 3, off)).level(0.0, "").low()
 }
 
 fn of_figure(name: &str, figure: &Plot, words: &str, statements: &[Statement]) -> Section {

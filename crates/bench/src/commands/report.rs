@@ -2,8 +2,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use bench_identification::Tolerance;
-use bench_page::Section;
-use bench_recording::diff::{DiffOptions, html_sections, html_verdict};
+use bench_page::{Section, Tone, Verdict, parts::warnings};
+use bench_recording::{
+    RecordingError,
+    diff::{DiffOptions, html_sections, html_verdict},
+};
 use clap::Args;
 use maud::html;
 
@@ -30,8 +33,9 @@ use crate::{
 The page needs nothing else and loads nothing: send it as it is. Criteria are those of the mission
 in each recording. --diff, --diagnose and --verify add what those commands say with their usual
 settings; --rig names the nominal model for the latter two. What a recording that was cut or
-damaged still holds is shown with a warning, and the exit code is 3. A flight that missed its
-criteria ends with 0: the page says so. docs/report.md tells what is in it.")]
+damaged still holds is shown with a warning, and the exit code is 3; in place of what --diff,
+--diagnose and --verify would add stands why it is missing. A flight that missed its criteria ends
+with 0: the page says so. docs/report.md tells what is in it.")]
 pub struct Arguments {
     /// Recordings
     #[arg(required = true)]
@@ -89,28 +93,57 @@ fn given(count: usize) -> String {
     if count == 1 { "1 is".to_owned() } else { format!("{count} are") }
 }
 
-/// What else was asked for.
+/// What else was asked for. A part that a damaged recording does not allow says why.
 fn further(arguments: &Arguments) -> anyhow::Result<Vec<Section>> {
     let recordings = &arguments.recordings;
     let mut sections = Vec::new();
     if let ([a, b], true) = (recordings.as_slice(), arguments.diff) {
-        let report = compared(a, b, DiffOptions::default()).context("--diff")?;
         let title = format!("Difference: {} and {}", name(a), name(b));
-        let section = Section::new(title, html! {}).verdict(html_verdict(&report));
-        sections.push(section.parts(html_sections(&report)));
+        sections.push(part("--diff", &title, || {
+            let report = compared(a, b, DiffOptions::default())?;
+            Ok((html_verdict(&report), html_sections(&report)))
+        })?);
     }
     if arguments.diagnose {
-        let (report, rig) = diagnosed(recordings, &arguments.rig).context("--diagnose")?;
-        let section = Section::new("Diagnosis", html! {}).verdict(diagnosis_page::verdict(&report, &rig));
-        sections.push(section.parts(diagnosis_page::sections(&report, &rig)));
+        sections.push(part("--diagnose", "Diagnosis", || {
+            let (report, rig) = diagnosed(recordings, &arguments.rig)?;
+            Ok((diagnosis_page::verdict(&report, &rig), diagnosis_page::sections(&report, &rig)))
+        })?);
     }
     if arguments.verify {
-        let (found, rig) = verified(recordings, &arguments.rig, &Tolerance::default()).context("--verify")?;
-        let section = Section::new("Verification", html! {});
-        let section = section.verdict(model_page::verification_verdict(&found, &rig));
-        sections.push(section.parts(model_page::verification_sections(&found)));
+        sections.push(part("--verify", "Verification", || {
+            let (found, rig) = verified(recordings, &arguments.rig, &Tolerance::default())?;
+            Ok((model_page::verification_verdict(&found, &rig), model_page::verification_sections(&found)))
+        })?);
     }
     Ok(sections)
+}
+
+/// A part of the page, or in its place what keeps a damaged recording from having it.
+fn part(
+    flag: &'static str,
+    title: &str,
+    make: impl FnOnce() -> anyhow::Result<(Verdict, Vec<Section>)>,
+) -> anyhow::Result<Section> {
+    let section = Section::new(title, html! {});
+    match make().context(flag) {
+        Ok((verdict, parts)) => Ok(section.verdict(verdict).parts(parts)),
+        Err(error) if is_of_damage(&error) => {
+            let why = words::causes(&error);
+            words::warn(&why);
+            Ok(section
+                .verdict(Verdict::new(Tone::Odd, "Left out: a recording is damaged").with(warnings(&[why]))))
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Whether a recording is not whole, which the page shows as far as it goes.
+fn is_of_damage(error: &anyhow::Error) -> bool {
+    let not_whole = |error: &RecordingError| {
+        matches!(error, RecordingError::Unfinished { .. } | RecordingError::Damaged { .. })
+    };
+    error.chain().filter_map(|cause| cause.downcast_ref()).any(not_whole)
 }
 
 fn name(path: &Path) -> String {

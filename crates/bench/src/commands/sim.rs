@@ -333,7 +333,7 @@ fn started(watched: Option<Watched>, mission: Mission) -> Option<Started> {
     let Some(mut watched) = watched else { return Some((None, mission, Vec::new())) };
     let Watched { page, runtime, interrupts, .. } = &mut watched;
     let checked = vec!["airframe, tracker and outputs are simulated".to_owned()];
-    match runtime.block_on(page.start(&mission, checked, interrupted(interrupts))) {
+    match runtime.block_on(page.start(&mission, checked, None, interrupted(interrupts))) {
         Ok(start) => {
             page.stage(Stage::Flying);
             Some((Some(watched), start.mission, start.changes))

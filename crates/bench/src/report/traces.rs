@@ -106,7 +106,7 @@ fn less(values: &[(f64, f64)], held: &[(f64, f64)], scale: f64) -> Vec<(f64, f64
 }
 
 /// Values less those of another series on the straight line between its samples.
-fn less_between(values: &[(f64, f64)], line: &[(f64, f64)], scale: f64) -> Vec<(f64, f64)> {
+pub fn less_between(values: &[(f64, f64)], line: &[(f64, f64)], scale: f64) -> Vec<(f64, f64)> {
     let mut next = 0;
     let at = |t: f64, next: &mut usize| {
         while line.get(*next).is_some_and(|(at, _)| *at < t) {

@@ -152,6 +152,7 @@ function show() {
   at("start").disabled = !(mine && waiting);
   at("fly-at").hidden = stage !== "flying";
   at("fly-at").disabled = !mine;
+  at("land").disabled = !(mine && stage === "flying" && about.phases.some(([name]) => name === "land"));
   at("end").hidden = !(mine && (stage === "landed" || waiting));
   const settable = mine && ((waiting && about.altitude_m !== null) || stage === "flying");
   for (const id of ["altitude", "altitude-slide"]) at(id).disabled = !settable;
@@ -182,6 +183,10 @@ function warn() {
   }
   if (state.stage === "closed" || ended) {
     if (state.stage === "closed") banner("The bench has ended. What it flew stays here until this page is closed.", true);
+    return;
+  }
+  if (state.stage === "waiting" && state.warning) {
+    banner(state.warning, true);
     return;
   }
   const silent = (performance.now() - (live.flown ?? live.heard)) / 1000;
@@ -271,6 +276,13 @@ addEventListener("keydown", (event) => {
   event.preventDefault();
   if (!event.repeat) stop();
 }, true);
+// A key that nothing is typed with, as all fields are numbers.
+addEventListener("keydown", (event) => {
+  if (event.key.toLowerCase() !== "l" || event.ctrlKey || event.altKey || event.metaKey) return;
+  event.preventDefault();
+  if (!event.repeat && live.state.stage === "flying") send({ command: "land" });
+}, true);
+at("land").addEventListener("click", () => send({ command: "land" }));
 addEventListener("keyup", (event) => event.code === "Space" && event.preventDefault(), true);
 at("take").addEventListener("click", () => send({ command: "take" }));
 at("release").addEventListener("click", () => send({ command: "release" }));

@@ -23,7 +23,7 @@ use bench_run::{
 };
 use bench_view::{Controls, Frames};
 use rtrb::Producer;
-use tokio::sync::oneshot;
+use tokio::sync::mpsc::UnboundedSender;
 
 use crate::{
     live::{Ends, directive},
@@ -135,6 +135,13 @@ pub struct Landed {
     pub recorder: Recorder,
 }
 
+impl Landed {
+    /// Why another order may come: the marker was not seen, so nothing was armed, and the devices are as they were.
+    pub fn missed_marker(&self) -> Option<&NotArmed> {
+        self.outcome.as_ref().err().filter(|error| matches!(error, NotArmed::NoMarker))
+    }
+}
+
 /// Why the outputs were not armed.
 #[derive(Debug)]
 pub enum NotArmed {
@@ -163,11 +170,13 @@ impl std::fmt::Display for NotArmed {
 }
 
 impl LoopThread {
+    /// Flies when it is told to. Where the marker is not seen it waits for another order, which it learns not to come when the
+    /// orders' sender is dropped.
     pub fn run(
         mut self,
         ready: &mpsc::Sender<Result<Ready, NotReady>>,
         orders: &mpsc::Receiver<Order>,
-        landed: oneshot::Sender<Landed>,
+        landed: &UnboundedSender<Landed>,
     ) {
         // Before port and Kinect are opened: their threads inherit the priority.
         let granted = Granted::ask();
@@ -188,12 +197,16 @@ impl LoopThread {
             }
         };
         let Some((kinect, seeing)) = kinect.zip(self.seeing.take()) else {
-            let Ok(order) = orders.recv() else { return };
-            let (mut flies, mut sink) = self.take_order(order);
-            let outcome = self.fly_virtual(WallClock::start(), &mut board, &mut flies, &mut sink);
-            let safe = make_safe(&mut board, &outcome);
-            let counts = board.counts();
-            let _ = landed.send(Landed { outcome, safe, counts, saw: None, recorder: sink.into_inner() });
+            while let Ok(order) = orders.recv() {
+                let (mut flies, mut sink) = self.take_order(order);
+                let outcome = self.fly_virtual(WallClock::start(), &mut board, &mut flies, &mut sink);
+                let safe = make_safe(&mut board, &outcome);
+                let recorder = self.take_back(flies, sink);
+                let over = Landed { outcome, safe, counts: board.counts(), saw: None, recorder };
+                if !told(landed, over) {
+                    return;
+                }
+            }
             return;
         };
         // Who has a page sees the scene before START; without one the frames begin with the flight.
@@ -213,42 +226,52 @@ impl LoopThread {
             }
         };
         let latency_s = self.rig.tracker.latency_s.value;
-        let streaming = kinect.stream(seeing.settings, move || clock.now());
-        let mut tracker = streaming.map(|streaming| {
-            TrackedFrames::new(streaming, Tracker::new(&seeing.calibration), latency_s, watch)
-        });
-        if order.is_none() {
-            order = look_until_ordered(clock, tracker.as_mut().ok(), orders);
-        }
-        let Some(order) = order else { return };
-        let (mut flies, mut sink) = self.take_order(order);
-        let (outcome, safe, saw) = match tracker {
-            Ok(mut tracker) => {
-                // What was seen before START is no part of the flight, whose time begins here.
-                watched.take();
-                let mut since = Since { origin: clock.now(), source: &mut tracker };
-                let ends = (&mut board, &mut since);
-                let outcome = self.fly(WallClock::start(), ends, &mut flies, &mut sink, Psoc5::arm, |_| {});
-                // Before the Kinect is closed, which may take its time.
-                let safe = make_safe(&mut board, &outcome);
-                let statistics = tracker.frames().statistics();
-                drop(tracker);
-                (outcome, safe, Some(Saw { statistics, watch: watched.take() }))
-            }
+        let streaming = match kinect.stream(seeing.settings, move || clock.now()) {
+            Ok(streaming) => streaming,
             Err(error) => {
+                // It is told when it is to fly.
+                let Some(order) = order.or_else(|| orders.recv().ok()) else { return };
+                let (flies, sink) = self.take_order(order);
                 let outcome = Err(NotArmed::Kinect(error));
                 let safe = make_safe(&mut board, &outcome);
-                (outcome, safe, None)
+                let recorder = self.take_back(flies, sink);
+                told(landed, Landed { outcome, safe, counts: board.counts(), saw: None, recorder });
+                return;
             }
         };
-        let counts = board.counts();
-        let _ = landed.send(Landed { outcome, safe, counts, saw, recorder: sink.into_inner() });
+        let mut tracker = TrackedFrames::new(streaming, Tracker::new(&seeing.calibration), latency_s, watch);
+        while let Some(order) = order.take().or_else(|| look_until_ordered(clock, &mut tracker, orders)) {
+            let (mut flies, mut sink) = self.take_order(order);
+            // What was seen before START is no part of the flight, whose time begins here.
+            watched.take();
+            let mut since = Since { origin: clock.now(), source: &mut tracker };
+            let ends = (&mut board, &mut since);
+            let outcome = self.fly(WallClock::start(), ends, &mut flies, &mut sink, Psoc5::arm, |_| {});
+            // Before the Kinect is closed, which may take its time.
+            let safe = make_safe(&mut board, &outcome);
+            let saw = Some(Saw { statistics: tracker.frames().statistics(), watch: watched.take() });
+            let recorder = self.take_back(flies, sink);
+            let over = Landed { outcome, safe, counts: board.counts(), saw, recorder };
+            if over.missed_marker().is_none() {
+                drop(tracker);
+                told(landed, over);
+                return;
+            }
+            told(landed, over);
+        }
     }
 
     /// What a flight needs of an order, and of the page.
     fn take_order(&mut self, Order::Fly(recorder, mission): Order) -> (Flies, Tee<Recorder>) {
         let (watcher, controls) = self.ends.take().map(|ends| (ends.watcher, ends.controls)).unzip();
         (Flies { mission, controls }, Tee::new(recorder, watcher))
+    }
+
+    /// The recorder of a flight that is over; what the page has of it is kept for another.
+    fn take_back(&mut self, flies: Flies, sink: Tee<Recorder>) -> Recorder {
+        let (recorder, watcher) = sink.into_parts();
+        self.ends = watcher.zip(flies.controls).map(|(watcher, controls)| Ends { watcher, controls });
+        recorder
     }
 
     /// Kinect first: it moves nothing.
@@ -290,12 +313,12 @@ impl LoopThread {
         mut each: impl FnMut(&mut Tee<Recorder>),
     ) -> Result<Flown, NotArmed> {
         let seen = await_marker(&mut clock, tracker, MARKER_PATIENCE_S).map_err(NotArmed::Tracker)?;
-        if !seen {
-            return Err(NotArmed::NoMarker);
-        }
         let pressed = flies.controls.as_ref().is_some_and(Controls::stopped);
         if pressed || self.stop.load(Ordering::Relaxed) {
             return Err(NotArmed::Stopped);
+        }
+        if !seen {
+            return Err(NotArmed::NoMarker);
         }
         arm(output).map_err(NotArmed::Board)?;
         let text = EventText::from("armed").unwrap_or_default();
@@ -339,10 +362,9 @@ const LOOKS_S: f64 = 0.01;
 /// is to fly, where it is told.
 fn look_until_ordered(
     mut clock: WallClock,
-    tracker: Option<&mut impl PositionSource>,
+    tracker: &mut impl PositionSource,
     orders: &mpsc::Receiver<Order>,
 ) -> Option<Order> {
-    let Some(tracker) = tracker else { return orders.recv().ok() };
     loop {
         match orders.try_recv() {
             Ok(order) => return Some(order),
@@ -355,6 +377,12 @@ fn look_until_ordered(
             return orders.recv().ok();
         }
     }
+}
+
+/// Tells that a flight is over; whether another order may come.
+fn told(landed: &UnboundedSender<Landed>, over: Landed) -> bool {
+    let again = over.missed_marker().is_some();
+    landed.send(over).is_ok() && again
 }
 
 fn make_safe(board: &mut Psoc5, outcome: &Result<Flown, NotArmed>) -> Safe {
