@@ -1,6 +1,7 @@
 //! A diagnosis' calibration for one rig and its missions, learnt from simulated flights and kept in the cache.
 
 mod causes;
+mod mix;
 
 use std::{
     fs,
@@ -21,6 +22,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use self::mix::{MIX, OrdinaryAir};
 use crate::{files, progress::Progress};
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
@@ -31,8 +33,6 @@ const LEAST_SETS: usize = 50;
 const WITH_CAUSES: usize = 3;
 /// Seed of the first of them, far from those of the nominal ones.
 const FIRST_WITH_CAUSES: u64 = 1 << 40;
-/// Ordinary turbulence, m/s: drawn evenly in the logarithm.
-const TURBULENCE_M_S: (f64, f64) = (0.008, 0.06);
 
 /// The missions that recordings carry. Flights without one (imported logs) are stood for by the others, or by the missions of
 /// the blind check.
@@ -344,7 +344,7 @@ fn drawn(rig: &Rig, set: u64) -> Rig {
     rig.plant.model = Model::Vertical;
     let mut draw = |number: &mut Uncertain| {
         let sigmas: f64 = rng.sample(StandardNormal);
-        number.value += number.sigma * sigmas.clamp(-2.5, 2.5);
+        number.value += number.sigma * sigmas.clamp(-MIX.most_deviations, MIX.most_deviations);
     };
     let a = &mut rig.airframe;
     draw(&mut a.mass_kg);
@@ -354,14 +354,18 @@ fn drawn(rig: &Rig, set: u64) -> Rig {
     draw(&mut a.ground_effect.height_m);
     draw(&mut a.drag_n_s_per_m);
     draw(&mut rig.tracker.latency_s);
-    let (low, high) = TURBULENCE_M_S;
-    let sigma_m_s = log_uniform(&mut rng, low, high);
+    let OrdinaryAir { sigma_m_s, correlation_time_s: [shortest_s, longest_s] } = MIX.ordinary_air;
+    let sigma_m_s = log_uniform(&mut rng, sigma_m_s);
     if rig.effects.iter().all(|effect| effect.name != "gusts") {
         rig.effects.push(EffectEntry {
             name: "gusts".to_owned(),
             parameters: vec![
                 ("sigma_m_s".to_owned(), sigma_m_s, 0),
-                ("correlation_time_s".to_owned(), 0.3 + 1.2 * rng.random::<f64>(), 0),
+                (
+                    "correlation_time_s".to_owned(),
+                    shortest_s + (longest_s - shortest_s) * rng.random::<f64>(),
+                    0,
+                ),
             ],
             at: Location { file: "calibration".into(), line: 0 },
         });
@@ -369,7 +373,7 @@ fn drawn(rig: &Rig, set: u64) -> Rig {
     rig
 }
 
-fn log_uniform(rng: &mut impl Rng, low: f64, high: f64) -> f64 {
+fn log_uniform(rng: &mut impl Rng, [low, high]: [f64; 2]) -> f64 {
     low * (high / low).powf(rng.random::<f64>())
 }
 

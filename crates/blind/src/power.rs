@@ -10,6 +10,7 @@ use std::{
 };
 
 use bench_rig::{Mission, Rig};
+use bench_statistics::{mean, median};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -19,7 +20,6 @@ use crate::{
     cases::{self, Case, Kind},
     detect::{Responses, Watch, is_random},
     flight,
-    score::median,
 };
 
 /// Schema of what a rig's flights can show.
@@ -426,7 +426,7 @@ fn alike(kinds: &[(u64, &'static Kind)], products: &[Vec<DMatrix<f64>>]) -> (Vec
             let (_, i, j) = alike.max_by(|x, y| x.0.total_cmp(&y.0))?;
             value(draw, i, j)
         });
-        crate::score::mean(values)
+        mean(values)
     };
     let mut between = vec![vec![None; effects.len()]; effects.len()];
     let mut cosines = Vec::new();

@@ -2,8 +2,9 @@
 
 use bench_filter::{Noise, Point, Prediction, Track, is_random, predict};
 use bench_inference::{Consistency, Fit, Problem};
+use bench_statistics::bootstrap;
 use nalgebra::DVector;
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -17,6 +18,19 @@ pub struct Figure {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+}
+
+impl Figure {
+    /// A figure of all flights with its interval over resampled ones, which holds the figure itself.
+    pub(crate) fn over_flights<T>(seed: u64, flights: &[T], of: impl Fn(&[&T]) -> f64) -> Self {
+        const RESAMPLES: usize = 400;
+        let value = of(&flights.iter().collect::<Vec<_>>());
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let drawn = bootstrap(&mut rng, flights, RESAMPLES, |drawn| Some(of(drawn)));
+        // A twentieth of the draws lies beyond either end.
+        let [low, high] = drawn.trimmed_range(20).unwrap_or([value; 2]);
+        Self { value, low: low.min(value), high: high.max(value) }
+    }
 }
 
 /// The gap at four levels: the rig as it is, its numbers re-fitted, with the effect, and what is left to noise.
@@ -69,7 +83,6 @@ pub struct FlightGap {
     pub with_effect: Consistency,
 }
 
-const RESAMPLES: usize = 400;
 /// Fewest flights of which one can be left out.
 const LEAST_FLIGHTS: usize = 3;
 
@@ -150,17 +163,7 @@ fn total(all: &[&Sums], of: impl Fn(&Sums) -> f64) -> f64 {
 
 /// A figure of all flights, and its spread over resampled flights.
 fn figure(sums: &[Sums], of: impl Fn(&[&Sums]) -> f64) -> Figure {
-    let value = of(&sums.iter().collect::<Vec<_>>());
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut drawn: Vec<f64> = (0..RESAMPLES)
-        .map(|_| of(&(0..sums.len()).map(|_| &sums[rng.random_range(0..sums.len())]).collect::<Vec<_>>()))
-        .collect();
-    drawn.sort_by(f64::total_cmp);
-    Figure {
-        value,
-        low: drawn[RESAMPLES / 20].min(value),
-        high: drawn[RESAMPLES - 1 - RESAMPLES / 20].max(value),
-    }
+    Figure::over_flights(1, sums, of)
 }
 
 fn sums(passes: &[Prediction; 3]) -> Sums {

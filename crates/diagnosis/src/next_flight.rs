@@ -7,7 +7,8 @@ use bench_inference::{Fit, Free, Problem, directions, fitted_effects, limited_st
 use bench_plant::effects::{EffectSpec, LIBRARY, RigNumber, index_of};
 use bench_recording::Flight;
 use bench_rig::{Chirp, EffectEntry, Location, Mission, Model, PhaseAction, PhasePlan, Profile, Rig};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use bench_statistics::ln_det;
+use nalgebra::{DMatrix, DVector};
 use rand::{Rng, RngExt as _, SeedableRng, seq::IndexedRandom as _};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -477,7 +478,6 @@ fn expect(
     });
     let nll = nll.sum::<f64>() + here.cost;
     let after = (before + &here.information).cholesky()?;
-    let ln_det = |c: &Cholesky<f64, Dyn>| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let width = ln_det(&after) - ln_det(&before.clone().cholesky()?) - after.solve(&here.information).trace();
     Some(Expectation { nll, width, variances_m2, point: here.point })
 }

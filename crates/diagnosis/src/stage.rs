@@ -7,8 +7,6 @@
 use bench_filter::{Input, Point, Track, held, nll};
 use bench_inference::{Fit, Problem};
 use bench_plant::effects::LIBRARY;
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -36,8 +34,6 @@ enum Player {
     Numbers,
     Effect,
 }
-
-const RESAMPLES: usize = 400;
 
 /// Shares of all stages that can be replaced in these flights.
 pub fn stages(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<StageShare> {
@@ -68,22 +64,12 @@ pub fn stages(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<StageShare> 
     // One value a coalition, flight by flight.
     let values: Vec<Vec<f64>> =
         (0..1_usize << players.len()).map(|set| value(problem, null, best, &players, set)).collect();
-    let flights = problem.tracks.len();
-    let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let draws: Vec<Vec<usize>> =
-        (0..RESAMPLES).map(|_| (0..flights).map(|_| rng.random_range(0..flights)).collect()).collect();
-    let all: Vec<usize> = (0..flights).collect();
+    let all: Vec<usize> = (0..problem.tracks.len()).collect();
     let gains: Vec<Figure> = (0..players.len())
         .map(|player| {
-            let on = |flights: &[usize]| shapley(&values, players.len(), player, flights);
-            let mut drawn: Vec<f64> = draws.iter().map(|draw| on(draw)).collect();
-            drawn.sort_by(f64::total_cmp);
-            let value = on(&all);
-            Figure {
-                value,
-                low: drawn[RESAMPLES / 20].min(value),
-                high: drawn[RESAMPLES - 1 - RESAMPLES / 20].max(value),
-            }
+            let on = |flights: &[&usize]| shapley(&values, players.len(), player, flights);
+            // The same draws for each, of the same seed.
+            Figure::over_flights(2, &all, on)
         })
         .collect();
     let total: f64 = gains.iter().map(|gain| gain.value.max(0.0)).sum();
@@ -188,8 +174,8 @@ fn with_rotor(track: &Track, problem: &Problem<'_>) -> Option<Track> {
     Some(measured)
 }
 
-fn shapley(values: &[Vec<f64>], players: usize, player: usize, flights: &[usize]) -> f64 {
-    let sum = |set: usize| flights.iter().map(|i| values[set][*i]).sum::<f64>();
+fn shapley(values: &[Vec<f64>], players: usize, player: usize, flights: &[&usize]) -> f64 {
+    let sum = |set: usize| flights.iter().map(|i| values[set][**i]).sum::<f64>();
     let factorial = |n: usize| (1..=n).map(|k| k as f64).product::<f64>();
     (0..1_usize << players)
         .filter(|set| set >> player & 1 == 0)

@@ -1,5 +1,6 @@
 //! By how much the airframe's numbers differ between flights, and what that leaves of how well they are known.
 
+use bench_statistics::ln_det;
 use nalgebra::{DMatrix, DVector};
 
 /// What one flight says about the numbers, at the fit to all flights: gradient and information of its log-likelihood.
@@ -62,10 +63,7 @@ fn evidence(flights: &[Says], tau: &[f64]) -> f64 {
             }
             // |1 + T F| = |T| |F + 1/T|
             let ln_t: f64 = own.iter().map(|i| 2.0 * tau[*i].ln()).sum();
-            a.cholesky().map_or(f64::NEG_INFINITY, |c| {
-                let ln_det = 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-                0.5 * g.dot(&c.solve(&g)) - 0.5 * (ln_det + ln_t)
-            })
+            a.cholesky().map_or(f64::NEG_INFINITY, |c| 0.5 * g.dot(&c.solve(&g)) - 0.5 * (ln_det(&c) + ln_t))
         })
         .sum()
 }

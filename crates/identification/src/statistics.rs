@@ -11,10 +11,7 @@ pub const MOST_REFUSED: f64 = 0.3;
 
 /// The middle value, or the mean of the two middle ones; NaN of none.
 pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    if n == 0 { f64::NAN } else { 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]) }
+    bench_statistics::median(values.iter().copied()).unwrap_or(f64::NAN)
 }
 
 /// One sigma of normal values among wild ones, from the median of their absolute values. Of few values it is small by chance:

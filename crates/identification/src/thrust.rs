@@ -1,6 +1,7 @@
 //! Gain and offset from throttle and thrust on a balance (paper, section 3.4, figure 9).
 
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
+use bench_statistics::Sorted;
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
@@ -299,11 +300,11 @@ impl<'a> Fitter<'a> {
 
     /// The range of the readings against the weight tells the unit.
     fn check_scale(&self) -> Result<(), IdentifyError> {
-        let mut sorted: Vec<f64> = self.rows.iter().map(|row| row.y).collect();
-        sorted.sort_by(f64::total_cmp);
         // An outlier at either end does not count.
-        let cut = sorted.len() / 12;
-        let ratio = (sorted[sorted.len() - 1 - cut] - sorted[cut]) / self.rig.airframe.weight_n();
+        let [low, high] = Sorted::of(self.rows.iter().map(|row| row.y))
+            .trimmed_range(12)
+            .expect("readings were counted before");
+        let ratio = (high - low) / self.rig.airframe.weight_n();
         if (RATIOS.0..RATIOS.1).contains(&ratio) {
             return Ok(());
         }

@@ -4,6 +4,7 @@ use bench_filter::RigNumber;
 use bench_filter::{HORIZONS_S, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track};
 use bench_inference::{Consistency, Problem};
 use bench_rig::Rig;
+use bench_statistics::Sorted;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -401,22 +402,15 @@ fn trajectories(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> (Tra
         .collect();
     let mut out = Trajectory { nominal_m: calm, ..Trajectory::default() };
     for (i, sighting) in seen.iter().enumerate() {
-        let mut at: Vec<f64> = drawn.iter().map(|z| z[i]).collect();
-        at.sort_by(f64::total_cmp);
+        let at = Sorted::of(drawn.iter().map(|z| z[i]));
+        let band = |low, high| [low, high].map(|share| at.interpolated(share).unwrap_or(f64::NAN));
         out.time_s.push(sighting.exposed_s - track.begin_s);
         out.seen_m.push(sighting.z_m);
-        out.band_95_m.push([quantile(&at, 0.025), quantile(&at, 0.975)]);
-        out.band_50_m.push([quantile(&at, 0.25), quantile(&at, 0.75)]);
+        out.band_95_m.push(band(0.025, 0.975));
+        out.band_50_m.push(band(0.25, 0.75));
     }
-    let mut peaks: Vec<f64> = drawn.iter().map(|z| z.iter().copied().fold(f64::MIN, f64::max)).collect();
-    peaks.sort_by(f64::total_cmp);
-    (out, [quantile(&peaks, 0.025), quantile(&peaks, 0.975)])
-}
-
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let at = share * (sorted.len().max(1) - 1) as f64;
-    let (low, high) = (at.floor() as usize, at.ceil() as usize);
-    sorted[low] + (sorted[high] - sorted[low]) * at.fract()
+    let peaks = Sorted::of(drawn.iter().map(|z| z.iter().copied().fold(f64::MIN, f64::max)));
+    (out, [0.025, 0.975].map(|share| peaks.interpolated(share).unwrap_or(f64::NAN)))
 }
 
 /// Numbers within the rig's tolerances.

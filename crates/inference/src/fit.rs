@@ -6,7 +6,7 @@ use bench_filter::{
 };
 use bench_plant::effects::{LIBRARY, PerNumber, Prior, RigNumber};
 use bench_rig::Rig;
-use bench_statistics::evenly_in_log;
+use bench_statistics::{Sorted, evenly_in_log, ln_det, median_high};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -211,10 +211,8 @@ const AGAINST_CEILING: [f64; 3] = [0.03, 0.2, 1.0];
 
 /// Altitude that all but a few sightings are below, m.
 fn top_m(tracks: &[Track]) -> f64 {
-    let mut seen: Vec<f64> =
-        tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m).collect();
-    seen.sort_by(f64::total_cmp);
-    let top = seen.len().checked_sub(1 + seen.len() / LOST_ONE_IN).map_or(0.0, |at| seen[at]);
+    let seen = tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m);
+    let top = Sorted::of(seen).trimmed_range(LOST_ONE_IN).map_or(0.0, |[_, high]| high);
     top.max(LEAST_TOP_M)
 }
 
@@ -405,15 +403,14 @@ impl<'a> Problem<'a> {
     fn against_ceiling(&self, point: &Point, effect: usize) -> Vec<Point> {
         let highest_m = self.tracks.iter().map(Track::highest_m).fold(self.top_m, f64::max);
         let below_m = highest_m - HELD_SIGMAS * self.noise.sighting_m;
-        let mut held_m: Vec<f64> = self
+        let held_m: Vec<f64> = self
             .tracks
             .iter()
             .flat_map(|track| &track.sightings)
             .map(|sighting| sighting.z_m)
             .filter(|z_m| *z_m > below_m)
             .collect();
-        held_m.sort_by(f64::total_cmp);
-        let held_m = held_m.get(held_m.len() / 2).copied().unwrap_or(highest_m);
+        let held_m = median_high(held_m).unwrap_or(highest_m);
         let grid = every_choice(LIBRARY[effect].parameters.iter().map(|p| {
             let values = match p.prior {
                 _ if p.key == CEILING => vec![highest_m, held_m],
@@ -803,10 +800,7 @@ fn with_prior(free: &[Free], point: &Point, pass: &Pass) -> (DMatrix<f64>, DVect
 /// Inference, and Learning Algorithms*, chapter 27).
 fn log_evidence(objective: f64, free: &[Free], hessian: &DMatrix<f64>) -> f64 {
     let ln_prior_widths: f64 = free.iter().map(|f| f.sigma.ln()).sum();
-    let half_ln_det = hessian
-        .clone()
-        .cholesky()
-        .map_or(f64::INFINITY, |c| c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+    let half_ln_det = hessian.clone().cholesky().map_or(f64::INFINITY, |c| 0.5 * ln_det(&c));
     -objective - ln_prior_widths - half_ln_det
 }
 

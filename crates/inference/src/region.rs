@@ -8,7 +8,7 @@ use bench_filter::{
     Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, is_random, run, run_for,
 };
 use bench_plant::effects::{Axis, LIBRARY};
-use bench_statistics::evenly_in_log;
+use bench_statistics::{evenly_in_log, ln_det};
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
 use crate::fit::{Fit, Problem, directions, project};
@@ -350,7 +350,7 @@ fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>, widths: &[f64]) -> (f64, f64) {
             let n = g.len();
             let posterior = (f + DMatrix::identity(n, n) * s.powi(-2)).cholesky()?;
             let quadratic = 0.5 * g.dot(&posterior.solve(g));
-            let half_ln_det = posterior.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            let half_ln_det = 0.5 * ln_det(&posterior);
             Some((quadratic - half_ln_det - n as f64 * s.ln(), s))
         })
         .fold((0.0, widths[0]), |best, this| if this.0 > best.0 { this } else { best })

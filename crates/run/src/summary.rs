@@ -3,6 +3,7 @@
 use bench_device::{PositionSample, Time, TrackStatus};
 use bench_recording::{Flight, Mode};
 use bench_rig::{Criteria, Mission, Phase, Rig};
+use bench_statistics::{Sorted, root_mean_square};
 
 /// The figures of one flight. Positions are those of the tracker, at their times of exposure; a figure that the flight
 /// does not define is `None`.
@@ -93,12 +94,9 @@ pub struct Percentiles {
 
 impl Percentiles {
     /// Of any number of values, in any order; zero of none. Nearest rank.
-    pub fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let rank = |share: f64| {
-            let rank = (share * values.len() as f64).ceil() as usize;
-            values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
-        };
+    pub fn of(values: Vec<f64>) -> Self {
+        let values = Sorted::of(values);
+        let rank = |share: f64| values.nearest_rank(share).unwrap_or(0.0);
         Self { p50: rank(0.5), p99: rank(0.99), max: rank(1.0) }
     }
 }
@@ -240,8 +238,9 @@ impl FlightLog {
             settled = &errors[outside.map_or(0, |i| i + 1)..];
             summary.settling_time_s = settled.first().map(|(time, _)| time.since_s(from));
         }
-        summary.rms_error_m = rms(settled.iter().map(|(_, error)| error[2]));
-        summary.lateral_rms_error_m = rms(settled.iter().map(|(_, error)| error[0].hypot(error[1])));
+        summary.rms_error_m = root_mean_square(settled.iter().map(|(_, error)| error[2]));
+        summary.lateral_rms_error_m =
+            root_mean_square(settled.iter().map(|(_, error)| error[0].hypot(error[1])));
     }
 
     fn rebound_m(&self) -> Option<f64> {
@@ -260,11 +259,6 @@ impl FlightLog {
         }
         None
     }
-}
-
-fn rms(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
-    let count = values.len();
-    (count > 0).then(|| (values.map(|x| x * x).sum::<f64>() / count as f64).sqrt())
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use bench_plant::effects::{LIBRARY, Prior};
 use bench_rig::{Mission, Model, Phase, PhaseAction, PhasePlan, Profile, Rig};
+use bench_statistics::{Share, root_mean_square};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -11,9 +12,8 @@ use serde::Serialize;
 use crate::{
     draw::{Models, add},
     error::TuneError,
-    figures::rms,
     flight::{Traced, fly_traced, lifted, quick},
-    statistics::{Share, percentile},
+    statistics::percentile,
 };
 
 /// What counts as held and landed.
@@ -147,11 +147,11 @@ impl Achieved {
     fn of(flights: &[Flights], goals: Goals) -> Self {
         let of = |figure: fn(&Flights) -> f64| flights.iter().map(figure);
         Self {
-            held: Share::of(of(|f| f.high_rms_m).map(|x| x <= goals.high_rms_m)),
+            held: Share::clopper_pearson(of(|f| f.high_rms_m).map(|x| x <= goals.high_rms_m)),
             held_rms_m: percentile(of(|f| f.high_rms_m), 0.5),
-            hovered: Share::of(of(|f| f.low_rms_m).map(|x| x <= goals.low_rms_m)),
+            hovered: Share::clopper_pearson(of(|f| f.low_rms_m).map(|x| x <= goals.low_rms_m)),
             hovered_rms_m: percentile(of(|f| f.low_rms_m), 0.5),
-            landed: Share::of(of(|f| f.touch_down_m_s).map(|x| x < goals.touch_down_m_s)),
+            landed: Share::clopper_pearson(of(|f| f.touch_down_m_s).map(|x| x < goals.touch_down_m_s)),
             touch_down_m_s: percentile(of(|f| f.touch_down_m_s), 0.5),
             touch_down_p95_m_s: percentile(of(|f| f.touch_down_m_s), 0.95),
         }
@@ -236,7 +236,7 @@ fn steady_rms_m(flight: &Traced, altitude_m: f64) -> Option<f64> {
     if heights().any(|z| z <= 0.0) {
         return None;
     }
-    rms(heights().map(|z| z - altitude_m))
+    root_mean_square(heights().map(|z| z - altitude_m))
 }
 
 /// The fastest contact with the ground of the landing; `None` where it did not stand in the end.

@@ -2,6 +2,7 @@
 
 use bench_device::Sticks;
 use bench_rig::{Phase, Rig};
+use bench_statistics::root_mean_square;
 use serde::Serialize;
 
 use crate::flight::{CAPTURE_S, STEADY_S, STEP_S, Task, Traced};
@@ -54,7 +55,7 @@ impl Figures {
             Along::Z => z - task.altitude_m,
             Along::X => x.hypot(y),
         };
-        let rms_m = rms(flight.truth_between(begin, steady).map(|(_, at, _)| error_m(*at)))?;
+        let rms_m = root_mean_square(flight.truth_between(begin, steady).map(|(_, at, _)| error_m(*at)))?;
 
         let (from, to) = match along {
             Along::Z => (task.altitude_m, task.altitude_m + task.step_m),
@@ -76,12 +77,7 @@ impl Figures {
             .collect();
         let count = efforts.len().max(1) as f64;
         let mean = [0, 1].map(|i| efforts.iter().map(|x| x[i]).sum::<f64>() / count);
-        let activity = rms(efforts.iter().map(|x| (x[0] - mean[0]).hypot(x[1] - mean[1])))?;
+        let activity = root_mean_square(efforts.iter().map(|x| (x[0] - mean[0]).hypot(x[1] - mean[1])))?;
         Some(Self { rms_m, overshoot: (furthest - to).max(0.0) / task.step_m, settling_s, activity })
     }
-}
-
-pub(crate) fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), x| (sum + x * x, count + 1));
-    (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }

@@ -23,6 +23,7 @@ mod tune;
 mod verdict;
 mod write;
 
+pub use bench_statistics::Share;
 pub use compare::{Achieved, Case, Comparison, Goals, compare};
 pub use draw::Models;
 pub use error::TuneError;
@@ -30,7 +31,7 @@ pub use figures::Figures;
 pub use flight::{Task, Traced, fly_traced};
 pub use margins::{Margins, Response};
 pub use page::{Made, page};
-pub use statistics::{Share, percentile};
+pub use statistics::percentile;
 pub use tune::{Effort, Grown, Limits, LoopKind, Progress, Step, Trial, Tuned, Tuning, fly_models, tune};
 pub use verdict::{HOLDING, Judged, Standing};
 pub use write::with_gains;

@@ -5,6 +5,7 @@ use argmin::{
     solver::neldermead::NelderMead,
 };
 use bench_rig::{Control, Model, Rig};
+use bench_statistics::Share;
 use rand::{SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -21,7 +22,7 @@ use crate::{
     flight::{Axis, Task, fly_traced, quick},
     gains::{self, Gain},
     margins::{Margins, Response},
-    statistics::{Share, percentile},
+    statistics::percentile,
     verdict::{Judged, judge},
 };
 
@@ -445,7 +446,7 @@ impl<'a> Search<'a> {
         let fresh = self.effort.seed.wrapping_add(FRESH);
         let checked = |flown: &[Option<Figures>]| {
             let rms: Vec<f64> = flown.iter().map(|f| f.map_or(f64::INFINITY, |f| f.rms_m)).collect();
-            (Share::of(rms.iter().map(|rms| *rms <= self.limits.rms_m)), percentile(rms, SHARE))
+            (Share::clopper_pearson(rms.iter().map(|rms| *rms <= self.limits.rms_m)), percentile(rms, SHARE))
         };
         let fresh_before = self.fly(&own, fresh, 0.0, self.effort.checked);
         self.tell(Stage::Fresh, 1, 2);
@@ -579,12 +580,12 @@ impl<'a> Search<'a> {
         let cost = p95.rms_m / l.rms_m + SMALL * small + BROKEN * broken;
         Trial {
             gains: gains.to_vec(),
-            flown: Share::of(flown.iter().map(Option::is_some)),
+            flown: Share::clopper_pearson(flown.iter().map(Option::is_some)),
             admissible: self::broken(l, &p95, margins.as_ref()) == 0.0,
             cost: if cost.is_finite() {
                 cost.min(LOST)
             } else {
-                LOST + LOST * (1.0 - Share::of(flown.iter().map(Option::is_some)).value())
+                LOST + LOST * (1.0 - Share::clopper_pearson(flown.iter().map(Option::is_some)).value())
             },
             p95,
             median,

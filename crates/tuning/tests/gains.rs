@@ -27,7 +27,8 @@ fn the_committed_gains_hold_two_centimetres_on_airframes_that_no_gain_was_tuned_
         let rig = rig(name);
         // Another seed than those of the tuning and of its check. 400 of 400 leave 99.1 % as the interval's lower end.
         let flown = fly_models(&rig, LoopKind::Altitude, &Task::PAPER, 20_261_121, 0.0, 400);
-        let within = Share::of(flown.iter().map(|figures| figures.is_some_and(|f| f.rms_m <= 0.02)));
+        let within =
+            Share::clopper_pearson(flown.iter().map(|figures| figures.is_some_and(|f| f.rms_m <= 0.02)));
         assert!(within.low >= 0.99, "{name}: {within:?}");
     }
 }

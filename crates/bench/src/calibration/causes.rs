@@ -1,31 +1,21 @@
 //! What a calibration plants in flights: the mix of `docs/results/diagnosis.md`, which `tools/diagnosis` draws.
 
-use bench_plant::effects::{EffectSpec, LIBRARY, Parameter, Prior, Shows, Spread};
+use bench_plant::effects::{EffectSpec, LIBRARY, Parameter, Prior};
 use bench_rig::{EffectEntry, Location, Rig};
 use rand::{Rng, RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::{FIRST_WITH_CAUSES, TURBULENCE_M_S, log_uniform};
+use super::{FIRST_WITH_CAUSES, log_uniform, mix::MIX};
 
-/// Shares of the cases; the rest have two effects.
-const NONE_SHARE: f64 = 0.25;
-const SINGLE_SHARE: f64 = 7.0 / 12.0;
-/// Below this thrust to weight nothing takes off, and above that nothing comes down: there is no flight to diagnose.
-const LEAST_THRUST_TO_WEIGHT: f64 = 1.03;
-const MOST_FLOOR_TO_WEIGHT: f64 = 0.97;
-
-/// The effects of each case: a quarter have none, a sixth two. Every effect comes alone as often as any other, one more at most.
+/// The effects of each case. Every effect comes alone as often as any other, one more at most.
 /// Those that the rig has are part of its model, and no causes.
 pub fn planned(rig: &Rig, cases: usize) -> Vec<Vec<EffectEntry>> {
     let mut rng = ChaCha8Rng::seed_from_u64(FIRST_WITH_CAUSES);
     let known = |name: &str| rig.effects.iter().any(|effect| effect.name == name);
-    // Vertical flights never tilt.
-    let shown = |spec: &EffectSpec| spec.signature.shows != Shows::LawWhenTilted;
     let mut library: Vec<&EffectSpec> =
-        LIBRARY.iter().copied().filter(|spec| shown(spec) && !known(spec.name)).collect();
-    let share = |share: f64| (share * cases as f64).round() as usize;
-    let (none, single) = (share(NONE_SHARE), share(SINGLE_SHARE));
+        LIBRARY.iter().copied().filter(|spec| is_seen(spec.name) && !known(spec.name)).collect();
+    let [none, single] = MIX.parts.none_and_single(cases);
     let mut causes: Vec<Vec<&EffectSpec>> = vec![Vec::new(); none];
     let mut turn: Vec<&EffectSpec> = Vec::new();
     for _ in 0..single {
@@ -42,12 +32,24 @@ pub fn planned(rig: &Rig, cases: usize) -> Vec<Vec<EffectEntry>> {
     causes.into_iter().map(|specs| specs.into_iter().map(|spec| drawn(&mut rng, spec)).collect()).collect()
 }
 
+/// Whether flights of the mix can show an effect.
+fn is_seen(effect: &str) -> bool {
+    MIX.never_seen.iter().all(|never| never != effect)
+}
+
 /// An effect, from invisible to plain.
 fn drawn(rng: &mut impl Rng, spec: &EffectSpec) -> EffectEntry {
     let parameters = spec.parameters.iter().map(|parameter| {
-        let value =
-            if parameter.default.is_some() { form(rng, parameter.prior) } else { size(rng, spec, parameter) };
-        let most = if parameter.key == "low_thrust_to_weight" { MOST_FLOOR_TO_WEIGHT } else { parameter.max };
+        let value = if parameter.default.is_some() {
+            form(rng, parameter.prior)
+        } else {
+            size(rng, spec.name, parameter)
+        };
+        let most = if parameter.key == "low_thrust_to_weight" {
+            MIX.thrust_to_weight.most_floor
+        } else {
+            parameter.max
+        };
         (parameter.key.to_owned(), value.clamp(parameter.min, most), 0)
     });
     EffectEntry {
@@ -67,31 +69,35 @@ fn form(rng: &mut impl Rng, prior: Prior) -> f64 {
 }
 
 /// A size is drawn evenly in the logarithm.
-fn size(rng: &mut impl Rng, spec: &EffectSpec, parameter: &Parameter) -> f64 {
+fn size(rng: &mut impl Rng, effect: &str, parameter: &Parameter) -> f64 {
+    let sizes = &MIX.size;
     let (median, sigma_ln) = match parameter.prior {
         Prior::Normal { mean, sigma } => {
             let sign = if rng.random() { 1.0 } else { -1.0 };
-            return parameter.neutral.unwrap_or(mean) + sign * sigma * log_uniform(rng, 0.1, 2.5);
+            return parameter.neutral.unwrap_or(mean) + sign * sigma * log_uniform(rng, sizes.normal);
         }
         Prior::LogNormal { median, sigma_ln } => (median, sigma_ln),
     };
     let at = |deviations: f64| median * (sigma_ln * deviations).exp();
     match parameter.neutral {
         // What only shapes the effect.
-        None => log_uniform(rng, at(-1.0), at(1.0)),
+        None => log_uniform(rng, sizes.shape.map(at)),
         Some(0.0) => {
-            // Every flight has some wind: a cause is more than that.
-            let blows = spec.signature.shows == Shows::Spread(Spread::Turbulence);
-            let least = if blows { TURBULENCE_M_S.1 } else { at(-2.0).min(median / 10.0) };
-            log_uniform(rng, least, at(1.5))
+            let [least, most] = sizes.zero.map(at);
+            let least = if effect == "gusts" {
+                MIX.ordinary_air.sigma_m_s[1]
+            } else {
+                least.min(median / sizes.least_is_median_over)
+            };
+            log_uniform(rng, [least, most])
         }
         // A limit, which is stronger the lower it is.
-        Some(neutral) if (neutral / median).ln().abs() > 2.0 * sigma_ln => {
-            log_uniform(rng, LEAST_THRUST_TO_WEIGHT, at(2.0))
+        Some(neutral) if (neutral / median).ln().abs() > sizes.limit * sigma_ln => {
+            log_uniform(rng, [MIX.thrust_to_weight.least_ceiling, at(sizes.limit)])
         }
         Some(neutral) => {
-            let plain = log_uniform(rng, at(-1.5), at(1.5));
-            neutral * (plain / neutral).powf(log_uniform(rng, 0.1, 1.0))
+            let plain = log_uniform(rng, sizes.other.map(at));
+            neutral * (plain / neutral).powf(log_uniform(rng, sizes.share_of_other))
         }
     }
 }
@@ -128,8 +134,8 @@ mod tests {
         for case in planned(&rig(), 3000) {
             resolve_all(&case).unwrap();
             for (key, value, _) in case.iter().flat_map(|effect| &effect.parameters) {
-                assert!(key != "low_thrust_to_weight" || *value <= MOST_FLOOR_TO_WEIGHT);
-                assert!(key != "high_thrust_to_weight" || *value >= LEAST_THRUST_TO_WEIGHT);
+                assert!(key != "low_thrust_to_weight" || *value <= MIX.thrust_to_weight.most_floor);
+                assert!(key != "high_thrust_to_weight" || *value >= MIX.thrust_to_weight.least_ceiling);
             }
         }
     }
@@ -139,7 +145,7 @@ mod tests {
         let mut rig = rig();
         rig.effects.push(parse_effect("mass-change:fraction=0.05").unwrap());
         assert!(planned(&rig, 300).iter().flatten().all(|effect| effect.name != "mass-change"));
-        for spec in LIBRARY.iter().filter(|spec| spec.signature.shows != Shows::LawWhenTilted) {
+        for spec in LIBRARY.iter().filter(|spec| is_seen(spec.name)) {
             rig.effects.push(parse_effect(&spec.example()).unwrap());
         }
         assert!(planned(&rig, 300).iter().all(Vec::is_empty));

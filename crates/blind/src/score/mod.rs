@@ -4,11 +4,11 @@ mod statistics;
 
 use std::collections::BTreeMap;
 
+use bench_statistics::{mean, median};
 use serde::Serialize;
 
 pub use self::statistics::{Figure, Rate};
 use self::statistics::{auroc, found_at_5_percent};
-pub(crate) use self::statistics::{mean, median};
 use crate::{
     answers::{Answer, Answers, Verdict},
     cases::{Family, Truth},

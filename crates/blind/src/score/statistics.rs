@@ -1,13 +1,11 @@
 //! Figures with their intervals.
 
+use bench_statistics::{Share, Sorted, bootstrap, mean};
 use serde::Serialize;
 
 use crate::random::{self, Random};
 
 /// How often something happened, with Wilson's interval of 95 %.
-///
-/// Source: Wilson, Probable Inference, the Law of Succession, and Statistical Inference, Journal of the American
-/// Statistical Association 22(158), 1927.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rate {
     /// How often.
@@ -22,26 +20,11 @@ pub struct Rate {
     pub high: f64,
 }
 
-/// Standard normal deviate that 95 % lie within.
-const Z: f64 = 1.959_964;
-
 impl Rate {
     pub(crate) fn of(outcomes: impl IntoIterator<Item = bool>) -> Self {
-        let (mut count, mut of) = (0, 0);
-        for outcome in outcomes {
-            count += usize::from(outcome);
-            of += 1;
-        }
-        let n = of as f64;
-        if of == 0 {
-            return Self { count, of, value: None, low: 0.0, high: 1.0 };
-        }
-        let share = count as f64 / n;
-        let middle = share + Z * Z / (2.0 * n);
-        let half = Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
-        let scale = 1.0 + Z * Z / n;
-        let low = ((middle - half) / scale).max(0.0);
-        Self { count, of, value: Some(share), low, high: ((middle + half) / scale).min(1.0) }
+        let share = Share::wilson(outcomes);
+        let Share { count, of, low, high } = share;
+        Self { count, of, value: (of > 0).then(|| share.value()), low, high }
     }
 }
 
@@ -64,44 +47,25 @@ impl Figure {
     pub(crate) fn of<T>(cases: &[T], figure: impl Fn(&[&T]) -> Option<f64>) -> Self {
         let as_they_are: Vec<&T> = cases.iter().collect();
         let value = figure(&as_they_are);
-        let bootstrap = |random: &mut Random| {
-            value?;
-            let again: Vec<&T> = cases.iter().map(|_| &cases[random::below(random, cases.len())]).collect();
-            figure(&again)
-        };
-        Self { value, ..Self::of_draws(cases.len(), bootstrap) }
+        let again = |drawn: &[&T]| value.and_then(|_| figure(drawn));
+        Self::between(value, &bootstrap(&mut generator(), cases, DRAWS, again), cases.len())
     }
 
     /// The mean of draws, and where 95 % of them lie.
     pub(crate) fn of_draws(of: usize, draw: impl Fn(&mut Random) -> Option<f64>) -> Self {
-        let mut random = random::stream(0, 0, 0, 0);
-        let mut drawn: Vec<f64> = (0..DRAWS).filter_map(|_| draw(&mut random)).collect();
-        drawn.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            (!drawn.is_empty()).then(|| drawn[((drawn.len() - 1) as f64 * share).round() as usize])
-        };
-        Self { value: mean(drawn.iter().copied()), low: at(0.025), high: at(0.975), of }
+        let mut random = generator();
+        let drawn = Sorted::of((0..DRAWS).filter_map(|_| draw(&mut random)));
+        Self::between(mean(drawn.values().iter().copied()), &drawn, of)
+    }
+
+    fn between(value: Option<f64>, drawn: &Sorted, of: usize) -> Self {
+        Self { value, low: drawn.closest(0.025), high: drawn.closest(0.975), of }
     }
 }
 
-pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0);
-    for value in values {
-        sum += value;
-        count += 1;
-    }
-    (count > 0).then(|| sum / f64::from(count))
-}
-
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.into_iter().collect();
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    match values.len() {
-        0 => None,
-        count if count % 2 == 1 => Some(values[half]),
-        _ => Some(0.5 * (values[half - 1] + values[half])),
-    }
+/// The same for each figure, so that figures of the same cases are of the same draws.
+fn generator() -> Random {
+    random::stream(0, 0, 0, 0)
 }
 
 /// Probability that a positive case scores above a negative one, ties counted half (Mann and Whitney's statistic).
@@ -141,16 +105,6 @@ pub(crate) fn found_at_5_percent(scored: &[(f64, bool)]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn wilsons_interval_is_the_published_one() {
-        // Newcombe, Statistics in Medicine 17, 1998, table I: 81 of 263 gives 0.2553 to 0.3662.
-        let rate = Rate::of((0..263).map(|i| i < 81));
-        assert!((rate.low - 0.2553).abs() < 5e-5 && (rate.high - 0.3662).abs() < 5e-5, "{rate:?}");
-        // The same table: 0 of 20 gives 0 to 0.1611.
-        let rate = Rate::of((0..20).map(|_| false));
-        assert!(rate.low < 1e-9 && (rate.high - 0.1611).abs() < 5e-5, "{rate:?}");
-    }
 
     #[test]
     fn auroc_is_the_share_of_pairs_in_order() {

@@ -4,13 +4,6 @@ use bench_device::TrackStatus;
 use bench_recording::Flight;
 use bench_rig::Phase;
 
-/// The middle of some values.
-pub fn middle(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 /// Altitude as seen, over the time of exposure, s and m.
 pub fn seen(flight: &Flight) -> Vec<(f64, f64)> {
     let found = flight.positions.iter().filter(|p| p.status != TrackStatus::Lost);

@@ -2,11 +2,12 @@
 
 use bench_identification::Law;
 use bench_rig::Phase;
+use bench_statistics::median_high;
 use serde::Serialize;
 
 use super::{
     DISCHARGE, Work,
-    series::{middle, rebound, seen, seen_speed, settled, true_altitude, true_speed},
+    series::{rebound, seen, seen_speed, settled, true_altitude, true_speed},
 };
 use crate::words::{self, short, with_sigma};
 
@@ -41,10 +42,10 @@ impl Work {
     fn interface(&self, out: &mut Vec<Statement>) {
         let ticks: Vec<f64> =
             self.climb.ticks.windows(2).map(|pair| pair[1].started.since_s(pair[0].started)).collect();
-        let period = middle(&ticks);
+        let period = median_high(ticks).unwrap_or(f64::NAN);
         let waits: Vec<f64> =
             self.climb.positions.iter().map(|p| p.arrived_at.since_s(p.exposed_at)).collect();
-        let latency = middle(&waits);
+        let latency = median_high(waits).unwrap_or(f64::NAN);
         out.push(Statement {
             figure: "4",
             section: "2",

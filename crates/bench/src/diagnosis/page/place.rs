@@ -6,6 +6,7 @@ use bench_page::{
     parts::{Bar, Rows, block, grid},
     range,
 };
+use bench_statistics::median_high;
 use maud::{Markup, html};
 
 use super::{FOUND, PULL, told, unit};
@@ -78,9 +79,8 @@ fn map(region: &RegionTold) -> Plot {
     let middle = || ends(0.0).map(f64::abs);
     // A place of which nothing is known has a band that would flatten all others.
     let largest = middle().fold(0.0, f64::max);
-    let mut sigmas: Vec<f64> = region.sigma_m_s2.iter().copied().filter(|sigma| sigma.is_finite()).collect();
-    sigmas.sort_by(f64::total_cmp);
-    let usual = sigmas.get(sigmas.len() / 2).copied().unwrap_or(0.0);
+    let sigmas: Vec<f64> = region.sigma_m_s2.iter().copied().filter(|sigma| sigma.is_finite()).collect();
+    let usual = median_high(sigmas).unwrap_or(0.0);
     let reach = largest.max(4.0 * usual);
     let shown = |end: f64| end.clamp(-1.5 * reach, 1.5 * reach);
     let y = range(ends(2.0).chain(ends(-2.0)).map(shown).chain([0.0]));
