@@ -114,6 +114,7 @@ mod tests {
             .collect();
         Candidate {
             effects: effects.to_vec(),
+            indices: None,
             name: name.to_owned(),
             probability,
             evidence_gain: 0.0,

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Calibration, Outcome, Verdict, alarm_margin, verdict};
+use bench_diagnosis::{Analysis, Calibration, Outcome, Verdict, alarm_margin};
 use bench_filter::Track;
 use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
@@ -303,7 +303,7 @@ fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibrat
             let tracks = tracks(&drawn(&real, set), rig, &flown, set)?;
             // A case of which there is no flight tells nothing.
             let outcome = (!tracks.is_empty()).then(|| {
-                let told = verdict(&Problem::new(&tracks, rig), &untold);
+                let told = Analysis::of(&Problem::new(&tracks, rig), &untold).told();
                 let named = |cause: &EffectEntry| told.effects.contains(&cause.name.as_str());
                 let right = told.verdict != Verdict::Unknown
                     && told.effects.len() == causes.len()

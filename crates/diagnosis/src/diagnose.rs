@@ -1,16 +1,17 @@
 //! From flights to a verdict, and what is told of it.
 
-use bench_filter::{Point, Track};
+use bench_filter::Point;
 use bench_inference::{Fit, Problem, Regions, Search, fitted_effects};
-use bench_plant::effects::{Axis, LIBRARY, RigNumber, Stage, index_of};
+use bench_plant::effects::{Axis, LIBRARY, RigNumber};
 use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
 use crate::{
     agree::{Disagreement, disagreement},
     allowed::{Ahead, ahead},
-    calibration::{Calibration, Told},
-    direct::{Direct, Finding, direct},
+    analysis::Analysis,
+    calibration::Calibration,
+    direct::{Direct, Finding},
     gap::{Gap, gap},
     groups::{cosines, same},
     next_flight::{NextFlight, close},
@@ -90,6 +91,9 @@ pub enum Verdict {
 pub struct Candidate {
     /// Its effects; empty for `none` and `unknown`.
     pub effects: Vec<&'static str>,
+    /// Library indices of these, in the same order; none for `unknown`, of which nobody knows them.
+    #[serde(skip)]
+    pub indices: Option<Vec<usize>>,
     /// `none`, `unknown`, or the effects joined by `+`.
     pub name: String,
     /// Its probability.
@@ -235,57 +239,15 @@ pub(crate) const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
 const SET_PROBABILITY: f64 = 0.9;
 
-/// The verdict of [`Diagnosis::of`], without all that goes with it.
-pub fn verdict(problem: &Problem<'_>, calibration: &Calibration) -> Told {
-    weighed(problem, calibration, |_, _, _, weighed| weighed.told())
-}
-
-/// Weighs what explains flights, for the problem as it is after a look at the pins and at the flights' levels.
-fn weighed<T>(
-    problem: &Problem<'_>,
-    calibration: &Calibration,
-    then: impl FnOnce(&Problem<'_>, &Search, &Direct, &Weighed) -> T,
-) -> T {
-    let direct = direct(problem.tracks, problem.rig);
-    // Pins that are known not to hold what they were told are believed as they were read, noise and all, unless they moved on
-    // afterwards.
-    let read: Option<Vec<Track>> = direct.doubts_pins().then(|| {
-        let mut tracks = problem.tracks.to_vec();
-        for track in &mut tracks {
-            if direct.lag_of_pins.is_some() {
-                track.as_commanded();
-                track.begin_with_thrust(problem.rig);
-            } else {
-                track.at_pins(|input, pin| input.throttle = pin.readback);
-            }
-        }
-        tracks
-    });
-    let tracks = read.as_deref().unwrap_or(problem.tracks);
-    let problem = &problem.with_tracks(tracks);
-    let levelled = problem.levelled();
-    let tracks = levelled.as_deref().unwrap_or(problem.tracks);
-    let problem = &problem.with_tracks(tracks);
-    let search = Search::of(problem);
-    let weighed = Weighed::of(problem, &search, &direct, calibration);
-    then(problem, &search, &direct, &weighed)
-}
-
 impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
-        weighed(problem, calibration, |problem, search, direct, weighed| {
-            Self::found(problem, search, direct, weighed, calibration)
-        })
+        Analysis::of(problem, calibration).diagnosis()
     }
 
-    fn found(
-        problem: &Problem<'_>,
-        search: &Search,
-        direct: &Direct,
-        weighed: &Weighed,
-        calibration: &Calibration,
-    ) -> Self {
+    pub(crate) fn found(analysis: &Analysis<'_>) -> Self {
+        let Analysis { prepared, search, weighed, calibration } = analysis;
+        let (problem, direct) = (&analysis.problem(), &prepared.direct);
         let null = &search.fits[0];
         let candidates = candidates(problem, weighed, search, direct);
         let top = &candidates[0];
@@ -403,6 +365,7 @@ fn candidates(problem: &Problem<'_>, weighed: &Weighed, search: &Search, direct:
         .collect();
     all.push(Candidate {
         effects: Vec::new(),
+        indices: None,
         name: "unknown".to_owned(),
         probability: weighed.unknown,
         evidence_gain: weighed.unknown_gain,
@@ -448,7 +411,8 @@ fn candidate(
         }));
     }
     let name = if effects.is_empty() { "none".to_owned() } else { effects.join("+") };
-    Candidate { name, effects, probability, evidence_gain: h.gain, grounds: Some(h.grounds), parameters }
+    let (indices, evidence_gain) = (Some(h.effects.clone()), h.gain);
+    Candidate { effects, indices, name, probability, evidence_gain, grounds: Some(h.grounds), parameters }
 }
 
 fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
@@ -508,12 +472,8 @@ fn place(
         })
         .collect();
     told.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let stage = top
-        .effects
-        .first()
-        .and_then(|name| index_of(name))
-        .map(|index| LIBRARY[index].stage)
-        .map(Stage::name);
+    let leading = top.indices.as_ref().and_then(|indices| indices.first());
+    let stage = leading.map(|index| LIBRARY[*index].stage.name());
     let best = &weighed.hypotheses[0];
     let on_best: &Regions = best.regions.as_ref().unwrap_or(&weighed.on_null);
     let (hz, gain) = weighed.waves_on_best.highest();

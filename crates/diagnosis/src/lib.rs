@@ -1,14 +1,17 @@
 //! Where the sim-to-real gap lies, which unmodelled effect causes it, and how far it shrinks once that effect is added.
 //!
 //! ```text
-//! tracks, rig -> readbacks, ticks, frames, arrivals: what shows without any model of flight
-//!             -> fits and what they leave (bench-inference) -> weighed -> Diagnosis: verdict, candidates, gap, place
+//! Problem -> Prepared: readbacks, ticks, frames, arrivals read; flights as they are to be fitted
+//!         -> Analysis: fits (bench-inference) and what each hypothesis weighs
+//!         -> Diagnosis: verdict, candidates, gap, place
+//!         -> next flight, rig with the effect: of the same Analysis
 //! ```
 //!
 //! `docs/diagnosis.md` has the equations.
 
 mod agree;
 mod allowed;
+mod analysis;
 mod calibration;
 mod chain;
 mod cycle;
@@ -24,10 +27,11 @@ mod weigh;
 
 pub use agree::{Agreeing, Disagreement};
 pub use allowed::{Ahead, Off};
+pub use analysis::Analysis;
 pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
 pub use diagnose::{
     Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, ParameterValue, Place,
-    RegionTold, Verdict, verdict,
+    RegionTold, Verdict,
 };
 pub use direct::Finding;
 pub use gap::{Figure, FlightGap, Gap, KStep};

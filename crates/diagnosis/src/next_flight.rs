@@ -142,36 +142,68 @@ const NEIGHBOURS: usize = 6;
 
 /// The two leading hypotheses that a flight may tell apart, where they are close.
 pub(crate) fn close(candidates: &[Candidate]) -> Option<[&Candidate; 2]> {
-    let mut flyable = candidates.iter().filter(|candidate| effects_of(&candidate.name).is_ok());
+    let mut flyable = candidates.iter().filter(|candidate| Contender::of(candidate).is_ok());
     let (first, second) = (flyable.next()?, flyable.next()?);
     let near = candidates[0].probability < SURE && second.probability > CLOSE * first.probability;
     near.then_some([first, second])
 }
 
-/// Library indices of a hypothesis by its name; a law of flight must be among them, unless it is `none`.
-fn effects_of(name: &str) -> Result<Vec<usize>, NextFlightError> {
-    if name == "none" {
-        return Ok(Vec::new());
+/// A hypothesis that flights can show.
+struct Contender {
+    /// As it was asked for, or is told.
+    name: String,
+    /// Library indices of its laws.
+    effects: Vec<usize>,
+}
+
+impl Contender {
+    /// By name as it is written on the command line: effects joined by `+`, or `none`.
+    fn named(name: &str) -> Result<Self, NextFlightError> {
+        let unknown = |known: String| NextFlightError::UnknownName { name: name.to_owned(), known };
+        let parts = if name == "none" { Vec::new() } else { name.split('+').collect() };
+        let known = || LIBRARY.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", ");
+        let effects: Vec<usize> = parts
+            .into_iter()
+            .map(|part| index_of(part).ok_or_else(|| unknown(known())))
+            .collect::<Result<_, _>>()?;
+        Self::flown_apart(name, effects)
     }
-    let mut effects = Vec::new();
-    for part in name.split('+') {
-        let Some(index) = index_of(part) else {
-            let known = LIBRARY.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", ");
+
+    /// A candidate of a diagnosis.
+    fn of(candidate: &Candidate) -> Result<Self, NextFlightError> {
+        let Candidate { name, indices, .. } = candidate;
+        let unnamed =
+            || NextFlightError::UnknownName { name: name.clone(), known: "causes by name".to_owned() };
+        Self::flown_apart(name, indices.clone().ok_or_else(unnamed)?)
+    }
+
+    /// Each of its effects must be a law of flight.
+    fn flown_apart(name: &str, effects: Vec<usize>) -> Result<Self, NextFlightError> {
+        for (position, effect) in effects.iter().enumerate() {
+            let called = || LIBRARY[*effect].name.to_owned();
+            if !fitted_effects().contains(effect) {
+                return Err(NextFlightError::NoLaw { effect: called() });
+            }
+            if effects[..position].contains(effect) {
+                return Err(NextFlightError::Same { name: called() });
+            }
+        }
+        if effects.len() > 2 {
+            let known = "two at most".to_owned();
             return Err(NextFlightError::UnknownName { name: name.to_owned(), known });
-        };
-        if !fitted_effects().contains(&index) {
-            return Err(NextFlightError::NoLaw { effect: part.to_owned() });
         }
-        if effects.contains(&index) {
-            return Err(NextFlightError::Same { name: part.to_owned() });
-        }
-        effects.push(index);
+        Ok(Self { name: name.to_owned(), effects })
     }
-    if effects.len() > 2 {
-        let known = "two at most".to_owned();
-        return Err(NextFlightError::UnknownName { name: name.to_owned(), known });
+
+    /// Whether a hypothesis is of these effects, in whatever order.
+    fn is_of(&self, effects: &[usize]) -> bool {
+        self.effects.len() == effects.len() && self.effects.iter().all(|effect| effects.contains(effect))
     }
-    Ok(effects)
+
+    fn pair(names: [&str; 2]) -> Result<[Self; 2], NextFlightError> {
+        let (a, b) = (Self::named(names[0])?, Self::named(names[1])?);
+        if a.is_of(&b.effects) { Err(NextFlightError::Same { name: a.name }) } else { Ok([a, b]) }
+    }
 }
 
 impl NextFlight {
@@ -179,11 +211,8 @@ impl NextFlight {
     pub const MOST: f64 = PLAIN;
 
     /// Checks two names of hypotheses, before the work.
-    pub fn check([a, b]: [&str; 2]) -> Result<(), NextFlightError> {
-        let (mut first, mut second) = (effects_of(a)?, effects_of(b)?);
-        first.sort_unstable();
-        second.sort_unstable();
-        if first == second { Err(NextFlightError::Same { name: a.to_owned() }) } else { Ok(()) }
+    pub fn check(names: [&str; 2]) -> Result<(), NextFlightError> {
+        Contender::pair(names).map(|_| ())
     }
 
     /// Finds the mission that best tells two hypotheses apart: those named in `between`, else the leading two of
@@ -198,23 +227,21 @@ impl NextFlight {
         flown: &[Mission],
         fly: impl Fn(&Rig, &Rig, &Mission) -> Option<Flight> + Sync,
     ) -> Result<Self, NextFlightError> {
-        let names = match between {
-            Some(names) => names,
-            None => close(candidates).map(|pair| pair.map(|candidate| candidate.name.as_str())).ok_or_else(
-                || NextFlightError::NothingClose {
-                    first: candidates[0].name.clone(),
-                    probability: candidates[0].probability,
-                },
-            )?,
+        let contenders = match (between, close(candidates)) {
+            (Some(names), _) => Contender::pair(names)?,
+            (None, Some([first, second])) => [Contender::of(first)?, Contender::of(second)?],
+            (None, None) => {
+                let Candidate { name, probability, .. } = &candidates[0];
+                return Err(NextFlightError::NothingClose { first: name.clone(), probability: *probability });
+            }
         };
-        Self::check(names)?;
-        let between = names.map(str::to_owned);
         let null = problem.fit_null();
-        let fits = [fit(problem, &null, &effects_of(names[0])?), fit(problem, &null, &effects_of(names[1])?)];
-        let probability = |name: &str| {
-            candidates.iter().find(|c| c.name == name).map_or(0.0, |c| c.probability).max(f64::MIN_POSITIVE)
-        };
-        let [p, q] = names.map(probability);
+        let fits = contenders.each_ref().map(|contender| fit(problem, &null, &contender.effects));
+        let [p, q] = contenders.each_ref().map(|contender| {
+            let known = |c: &&Candidate| c.indices.as_ref().is_some_and(|effects| contender.is_of(effects));
+            candidates.iter().find(known).map_or(0.0, |c| c.probability).max(f64::MIN_POSITIVE)
+        });
+        let between = contenders.map(|contender| contender.name);
         let arena = Arena::new(problem, &fits, p / (p + q), &fly);
 
         let again: Vec<(&Mission, Gain)> =

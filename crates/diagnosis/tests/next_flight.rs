@@ -6,7 +6,7 @@ mod support;
 
 use std::path::Path;
 
-use bench_diagnosis::{Calibration, Candidate, Diagnosis, NextFlight, NextFlightError, Verdict};
+use bench_diagnosis::{Analysis, Calibration, Candidate, Diagnosis, NextFlight, NextFlightError, Verdict};
 use bench_filter::Track;
 use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
@@ -48,6 +48,24 @@ fn candidate<'a>(diagnosis: &'a Diagnosis, name: &str) -> &'a Candidate {
 /// Log-evidence of the first over the second, nats.
 fn lead(diagnosis: &Diagnosis, [first, second]: [&str; 2]) -> f64 {
     candidate(diagnosis, first).evidence_gain - candidate(diagnosis, second).evidence_gain
+}
+
+#[test]
+fn what_is_asked_after_the_verdict_works_on_the_flights_that_the_verdict_used() {
+    // Pins that stop at an end: flights are fitted with what was read back, not with what was asked for.
+    let nominal = rig();
+    let real = with("actuator-saturation:high_thrust_to_weight=1.05");
+    let given = [track(&real, &mission("climb-040"), 1), track(&real, &mission("hop"), 2)];
+    let problem = Problem::new(&given, &nominal);
+    let analysis = Analysis::of(&problem, &Calibration::built_in());
+    assert_eq!(analysis.told().effects, ["actuator-saturation"]);
+    for (used, given) in analysis.problem().tracks.iter().zip(&given) {
+        let mut read = given.clone();
+        read.at_pins(|input, pin| input.throttle = pin.readback);
+        let throttles = |track: &Track| track.inputs.iter().map(|input| input.throttle).collect::<Vec<_>>();
+        assert_eq!(throttles(used), throttles(&read));
+        assert_ne!(throttles(used), throttles(given));
+    }
 }
 
 /// Flies a proposed mission in reality and holds what it brings against what was promised, and against flying again

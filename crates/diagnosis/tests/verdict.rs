@@ -4,7 +4,7 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Calibration, Diagnosis, Telling, ToldByKind, Verdict, verdict};
+use bench_diagnosis::{Analysis, Calibration, Diagnosis, Telling, ToldByKind, Verdict};
 use bench_filter::Track;
 use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
@@ -46,7 +46,7 @@ fn the_verdict_alone_is_that_of_the_diagnosis() {
         let mut leaders = Vec::new();
         for calibration in calibrations() {
             let diagnosis = Diagnosis::of(&problem, &calibration);
-            let told = verdict(&problem, &calibration);
+            let told = Analysis::of(&problem, &calibration).told();
             assert_eq!((told.verdict, &told.effects), (diagnosis.verdict, &diagnosis.effects));
             assert_eq!(told.probability, diagnosis.confidence);
             // However it is told, it stays ahead, and all of it is one.

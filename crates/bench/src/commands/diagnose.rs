@@ -4,7 +4,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Ahead, Diagnosis, NextFlight};
+use bench_diagnosis::{Ahead, Analysis, Diagnosis, NextFlight};
 use bench_filter::Track;
 use bench_identification::plausible_altitude;
 use bench_inference::Problem;
@@ -135,12 +135,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let progress = Progress::of("diagnose");
     let flights = words::count(tracks.len() as u64, "flight");
     progress.begin_untold(&format!("weighing what explains {flights}"));
-    let mut diagnosis = Diagnosis::of(&problem, &calibration);
+    let analysis = Analysis::of(&problem, &calibration);
+    let mut diagnosis = analysis.diagnosis();
     refuse_absurd(&diagnosis, &from)?;
     let mut refused = false;
     if arguments.next_flight.is_some() {
         progress.begin_untold("trying missions for the next flight");
-        match NextFlight::propose(&problem, &diagnosis.candidates, between, &flown.distinct(), fly) {
+        match NextFlight::propose(&analysis.problem(), &diagnosis.candidates, between, &flown.distinct(), fly)
+        {
             Ok(next) => diagnosis.next_flight = Some(next),
             Err(reason) => {
                 refused = true;

@@ -193,6 +193,7 @@ mod tests {
     fn said(confidence: f64, disagreement: Option<Disagreement>) -> Diagnosis {
         let candidate = Candidate {
             effects: Vec::new(),
+            indices: Some(Vec::new()),
             name: "none".to_owned(),
             probability: confidence,
             evidence_gain: 0.0,
