@@ -7,7 +7,8 @@
 //!         -> next flight, rig with the effect: of the same Analysis
 //! ```
 //!
-//! `docs/diagnosis.md` has the equations.
+//! `docs/diagnosis.md` has the flow and, under "What a probability is made of", what `weigh.rs` does in which order. Every key of the
+//! output is in `docs/diagnosis-json.md`, and how the next flight is found in `docs/next-flight.md`.
 
 mod agree;
 mod allowed;

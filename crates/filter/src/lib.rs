@@ -7,7 +7,7 @@
 //! ```
 //!
 //! It predicts each measurement of altitude through the same laws that the simulator flies. The equations are in
-//! `docs/diagnosis.md`.
+//! `docs/diagnosis.md`, under "State and measurement" and "Priors".
 
 mod covariance;
 mod direction;

@@ -4,6 +4,8 @@
 //! Problem (tracks, rig, tolerances, noise) -> Search: Fit of `none`, of every effect, of pairs
 //!                                          -> Regions, Waves, pulses: what a fit leaves unexplained
 //! ```
+//!
+//! The equations are in `docs/diagnosis.md`, under "Evidence".
 
 mod consistency;
 mod fit;

@@ -117,7 +117,7 @@ impl<'a> Posterior<'a> {
             });
             sum += (least - self.at(&(&self.mode + &spread * deviations))).exp();
         }
-        let cell = spread.determinant() * STEP.powi(n as i32);
+        let cell = spread.determinant() * (0..n).map(|_| STEP).product::<f64>();
         let priors: f64 = self.free.iter().map(|f| f.sigma.ln() + 0.5 * std::f64::consts::TAU.ln()).sum();
         sum.ln() + cell.ln() - least - priors
     }
