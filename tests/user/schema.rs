@@ -2,6 +2,7 @@
 
 use std::{
     collections::BTreeSet,
+    fmt::Write as _,
     fs,
     path::{Path, PathBuf},
 };
@@ -91,10 +92,115 @@ fn what_is_committed_is_what_is_made() {
         import.contains(&made),
         "the keys in docs/import.md are old; put there what `bench schema map --markdown` prints"
     );
+    let committed = fs::read_to_string(root().join("docs/diagnosis-json.md")).unwrap();
+    let made = page_of_output("diagnosis", JSON_OF_DIAGNOSIS);
+    if committed != made {
+        let there = Path::new(env!("CARGO_TARGET_TMPDIR")).join("diagnosis-json.md");
+        fs::write(&there, made).unwrap();
+        panic!("docs/diagnosis-json.md is old; what it should be is in {}", there.display());
+    }
     for output in names().iter().filter(|name| !FILES.contains(&name.as_str())) {
         let told = schema(output)["properties"]["schema"]["const"].as_str().unwrap().replace('/', ".");
         let file = fs::read_to_string(root().join(format!("docs/schemas/{told}.json"))).unwrap();
         assert_eq!(stdout(&bench(["schema", output]).assert().success()), file);
+    }
+}
+
+/// What stands before the tables of `docs/diagnosis-json.md`.
+const JSON_OF_DIAGNOSIS: &str = "# The JSON of a diagnosis
+
+```console
+bench diagnose flight-*.mcap --json
+bench schema diagnosis
+```
+The first prints what these tables describe, the second its JSON Schema, against which the tests hold real output. How the figures come about
+is in [diagnosis.md](diagnosis.md).
+
+All evidence is in nats: natural logarithms of likelihood. Units are those of the key or of the sentence beside it. A key is there unless its
+sentence says when it is absent. `null` says that there is nothing to tell. A later version may add keys. Where one is removed or means
+something else, the number behind `bench.diagnosis/` rises.
+
+Keys stand in the order of the alphabet. This page is made of the descriptions in the schema, and a test (`tests/user/schema.rs`) holds it to them.
+";
+
+/// A page with a table for each object of an output's schema.
+fn page_of_output(name: &str, before: &str) -> String {
+    let schema = schema(name);
+    let own = schema["$defs"].as_object().unwrap();
+    let mut page = before.to_owned() + &table("The whole", &schema);
+    for (title, object) in own {
+        page += &table(title, object);
+    }
+    page
+}
+
+/// A section on a schema: its description, and a row for each property.
+fn table(title: &str, schema: &Value) -> String {
+    let mut section = format!("\n## {title}\n{}\n", schema["description"].as_str().unwrap());
+    let Some(properties) = schema["properties"].as_object() else {
+        return section + "\nOne of " + &shape(schema) + ".\n";
+    };
+    section += "\n| key | shape | what |\n|---|---|---|\n";
+    let required = schema["required"].as_array().unwrap();
+    for (key, property) in properties {
+        let words = property["description"].as_str().unwrap();
+        let is_told = required.contains(&Value::from(key.as_str()))
+            || words.contains("bsent")
+            || words.contains("eft out");
+        assert!(is_told, "{title}.{key} may be absent, and its description does not say when");
+        let has_null = shape(property).contains("null");
+        assert!(
+            !has_null || words.to_lowercase().contains("null"),
+            "{title}.{key} may be null, and does not say when"
+        );
+        writeln!(section, "| `{key}` | {} | {words} |", shape(property)).unwrap();
+    }
+    section
+}
+
+/// The values that a schema admits, in words.
+fn shape(schema: &Value) -> String {
+    let list = |items: &Value| items.as_array().unwrap().iter().map(shape).collect::<Vec<_>>().join(" or ");
+    if let Some(reference) = schema["$ref"].as_str() {
+        let name = reference.rsplit('/').next().unwrap();
+        return format!("[{name}](#{})", name.to_lowercase());
+    }
+    if let Some(told) = schema["const"].as_str() {
+        return format!("`{told}`");
+    }
+    if let Some(values) = schema["enum"].as_array() {
+        return values
+            .iter()
+            .map(|value| format!("`{}`", value.as_str().unwrap()))
+            .collect::<Vec<_>>()
+            .join(", ");
+    }
+    if schema["anyOf"].is_array() {
+        return list(&schema["anyOf"]);
+    }
+    if let Some(several) = schema["type"].as_array() {
+        return several
+            .iter()
+            .map(|of| kind(of.as_str().unwrap()).to_owned())
+            .collect::<Vec<_>>()
+            .join(" or ");
+    }
+    if schema["type"] == "array" {
+        let of = shape(&schema["items"]);
+        return match schema["minItems"].as_u64() {
+            Some(exactly) if schema["maxItems"] == exactly => format!("list of {exactly}: {of}"),
+            _ => format!("list: {of}"),
+        };
+    }
+    kind(schema["type"].as_str().unwrap()).to_owned()
+}
+
+fn kind(of: &str) -> &str {
+    match of {
+        "integer" => "whole number",
+        "string" => "text",
+        "boolean" => "true or false",
+        other => other,
     }
 }
 
