@@ -37,6 +37,15 @@ impl Bench {
     }
 }
 
+/// A short mission with a live page on an emulated board, which goes with its value, and what it will record.
+fn on_loopback(scratch: &Scratch) -> (Emulated, String, Bench) {
+    let mission = short_mission(scratch);
+    let board = Emulated::start(scratch, &[]);
+    let recording = scratch.name("hil.mcap");
+    let bench = Bench::start(&["hil", "--port", &board.port, "--mission", &mission, "-o", &recording]);
+    (board, recording, bench)
+}
+
 struct Browser(WebSocket<TcpStream>);
 
 impl Browser {
@@ -62,10 +71,7 @@ impl Browser {
 #[test]
 fn a_loopback_flight_is_started_changed_and_stopped_from_the_page() {
     let scratch = Scratch::new();
-    let mission = short_mission(&scratch);
-    let board = Emulated::start(&scratch, &[]);
-    let recording = scratch.name("hil.mcap");
-    let bench = Bench::start(&["hil", "--port", &board.port, "--mission", &mission, "-o", &recording]);
+    let (_board, recording, bench) = on_loopback(&scratch);
     let mut browser = bench.browser();
     let waiting = browser.stage("waiting");
     assert!(
@@ -115,10 +121,7 @@ fn a_loopback_flight_is_started_changed_and_stopped_from_the_page() {
 #[test]
 fn a_flight_lands_when_the_page_asks_for_it() {
     let scratch = Scratch::new();
-    let mission = short_mission(&scratch);
-    let board = Emulated::start(&scratch, &[]);
-    let recording = scratch.name("hil.mcap");
-    let bench = Bench::start(&["hil", "--port", &board.port, "--mission", &mission, "-o", &recording]);
+    let (_board, recording, bench) = on_loopback(&scratch);
     let mut browser = bench.browser();
     browser.stage("waiting");
     // A hold that would go on for two minutes.

@@ -2,7 +2,7 @@
 
 use bench_filter::{Coordinate, HORIZONS_S, Point, predict};
 use bench_inference::{Fit, Problem};
-use bench_plant::effects::{LIBRARY, RigNumber};
+use bench_plant::effects::LIBRARY;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -70,13 +70,12 @@ pub fn ahead(problem: &Problem<'_>, best: &Fit) -> Option<Ahead> {
     let (at_best, _) = squares(&best.point);
     // Where the model fits, errors are linear in the numbers: half the second difference of the mean square is what a
     // tolerance adds to it.
-    let tolerances: f64 = RigNumber::ALL
-        .into_iter()
-        .filter(|i| problem.sigma[*i] > 0.0)
-        .map(|i| {
+    let tolerances: f64 = problem
+        .uncertain()
+        .map(|(number, sigma)| {
             let moved = |way: f64| {
                 let mut point = best.point.clone();
-                point.nuisances[i] += way * problem.sigma[i];
+                point.nuisances[number] += way * sigma;
                 squares(&point).0
             };
             (0.5 * (moved(1.0) + moved(-1.0)) - at_best).max(0.0)

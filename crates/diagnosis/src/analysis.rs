@@ -42,7 +42,7 @@ impl<'a> Prepared<'a> {
         if let Some(levelled) = given.with_tracks(&tracks).levelled() {
             tracks = Cow::Owned(levelled);
         }
-        Self { given: given.with_tracks(given.tracks), tracks, direct }
+        Self { given: given.clone(), tracks, direct }
     }
 
     fn problem(&self) -> Problem<'_> {

@@ -2,7 +2,7 @@
 
 use bench_filter::Point;
 use bench_inference::{Fit, Problem, Regions, Search, fitted_effects};
-use bench_plant::effects::{Axis, LIBRARY, RigNumber};
+use bench_plant::effects::{Axis, LIBRARY};
 use bench_rig::{EffectEntry, Location, Rig};
 use serde::Serialize;
 
@@ -438,12 +438,11 @@ fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
 
 fn numbers(problem: &Problem<'_>, null: &Fit) -> Vec<Number> {
     let names = Point::names(problem.rig);
-    RigNumber::ALL
-        .into_iter()
-        .filter(|i| problem.sigma[*i] > 0.0)
-        .map(|i| {
-            let (nominal, fitted) = (problem.nominal.nuisances[i], null.point.nuisances[i]);
-            Number { name: names[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
+    problem
+        .uncertain()
+        .map(|(number, sigma)| {
+            let (nominal, fitted) = (problem.nominal.nuisances[number], null.point.nuisances[number]);
+            Number { name: names[number], nominal, fitted, sigmas: (fitted - nominal) / sigma }
         })
         .collect()
 }

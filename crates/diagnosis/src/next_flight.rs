@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use thiserror::Error;
 
-use crate::diagnose::Candidate;
+use crate::{diagnose::Candidate, weigh::same};
 
 /// A mission that tells two hypotheses apart, and what it is expected to bring.
 #[derive(Clone, Debug, Serialize)]
@@ -195,14 +195,9 @@ impl Contender {
         Ok(Self { name: name.to_owned(), effects })
     }
 
-    /// Whether a hypothesis is of these effects, in whatever order.
-    fn is_of(&self, effects: &[usize]) -> bool {
-        self.effects.len() == effects.len() && self.effects.iter().all(|effect| effects.contains(effect))
-    }
-
     fn pair(names: [&str; 2]) -> Result<[Self; 2], NextFlightError> {
         let (a, b) = (Self::named(names[0])?, Self::named(names[1])?);
-        if a.is_of(&b.effects) { Err(NextFlightError::Same { name: a.name }) } else { Ok([a, b]) }
+        if same(&a.effects, &b.effects) { Err(NextFlightError::Same { name: a.name }) } else { Ok([a, b]) }
     }
 }
 
@@ -238,7 +233,8 @@ impl NextFlight {
         let null = problem.fit_null();
         let fits = contenders.each_ref().map(|contender| fit(problem, &null, &contender.effects));
         let [p, q] = contenders.each_ref().map(|contender| {
-            let known = |c: &&Candidate| c.indices.as_ref().is_some_and(|effects| contender.is_of(effects));
+            let known =
+                |c: &&Candidate| c.indices.as_ref().is_some_and(|effects| same(&contender.effects, effects));
             candidates.iter().find(known).map_or(0.0, |c| c.probability).max(f64::MIN_POSITIVE)
         });
         let between = contenders.map(|contender| contender.name);
@@ -527,12 +523,7 @@ fn plant(rig: &Rig, point: &Point) -> Rig {
     plant.tracker.resolution_m = 0.0;
     plant.tracker.dropout_probability = 0.0;
     let n = &point.nuisances;
-    plant.airframe.mass_kg.value = n[RigNumber::Mass];
-    plant.airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
-    plant.airframe.thrust.offset.value = n[RigNumber::ThrustOffset];
-    plant.airframe.ground_effect.multiplier.value = n[RigNumber::GroundEffectMultiplier];
-    plant.airframe.ground_effect.height_m.value = n[RigNumber::GroundEffectHeight];
-    plant.airframe.drag_n_s_per_m.value = n[RigNumber::Drag];
+    plant.airframe = point.airframe(rig);
     let mut effects: Vec<(usize, Vec<f64>)> =
         point.effects.iter().filter(|(effect, _)| !is_random(*effect)).cloned().collect();
     // Latency and origin are what the tracker does, not what it believes.

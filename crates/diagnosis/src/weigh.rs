@@ -505,7 +505,8 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
     crowd * nats + share * first
 }
 
-fn same(a: &[usize], b: &[usize]) -> bool {
+/// Whether two hypotheses are of the same effects, in whatever order.
+pub(crate) fn same(a: &[usize], b: &[usize]) -> bool {
     a.len() == b.len() && a.iter().all(|x| b.contains(x))
 }
 

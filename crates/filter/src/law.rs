@@ -7,7 +7,7 @@ use bench_plant::{
     effects::{Effects, LIBRARY, Parameter, PerNumber, RigNumber, Stage, View, resolve_all},
     nominal::{Air, Forces, Nominal},
 };
-use bench_rig::{GRAVITY_M_S2, Rig};
+use bench_rig::{Airframe, GRAVITY_M_S2, Rig};
 use nalgebra::Vector3;
 
 use crate::noise::is_random;
@@ -156,6 +156,19 @@ impl Point {
             / range.max(1e-3 * n[RigNumber::ThrustGain].abs()).max(f64::MIN_POSITIVE)
     }
 
+    /// The rig's airframe with these numbers.
+    pub fn airframe(&self, rig: &Rig) -> Airframe {
+        let n = &self.nuisances;
+        let mut airframe = rig.airframe.clone();
+        airframe.mass_kg.value = n[RigNumber::Mass];
+        airframe.thrust.offset.value = n[RigNumber::ThrustOffset];
+        airframe.thrust.gain_n_per_unit.value = self.gain_n_per_unit(rig);
+        airframe.ground_effect.multiplier.value = n[RigNumber::GroundEffectMultiplier];
+        airframe.ground_effect.height_m.value = n[RigNumber::GroundEffectHeight];
+        airframe.drag_n_s_per_m.value = n[RigNumber::Drag];
+        airframe
+    }
+
     /// The value at a coordinate.
     pub fn get(&self, at: Coordinate) -> f64 {
         match at {
@@ -198,13 +211,7 @@ impl Law {
     /// At rest, before a flight.
     pub fn new(point: &Point, rig: &Rig) -> Self {
         let n = &point.nuisances;
-        let mut airframe = rig.airframe.clone();
-        airframe.mass_kg.value = n[RigNumber::Mass];
-        airframe.thrust.offset.value = n[RigNumber::ThrustOffset];
-        airframe.thrust.gain_n_per_unit.value = point.gain_n_per_unit(rig);
-        airframe.ground_effect.multiplier.value = n[RigNumber::GroundEffectMultiplier];
-        airframe.ground_effect.height_m.value = n[RigNumber::GroundEffectHeight];
-        airframe.drag_n_s_per_m.value = n[RigNumber::Drag];
+        let mut airframe = point.airframe(rig);
         let nominal = Nominal::new(&airframe);
         // How strong wind pushes is told by flights, how much drag it pushes against hardly: its speed is that for the rig's drag.
         airframe.drag_n_s_per_m = rig.airframe.drag_n_s_per_m;

@@ -2,14 +2,17 @@
 //! squares sum to a chi-squared variable (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and
 //! Navigation*, 2001, section 5.4).
 
-use std::path::Path;
+#[path = "../../diagnosis/tests/support/flown.rs"]
+mod flown;
+#[path = "../../diagnosis/tests/support/mod.rs"]
+mod support;
 
 use bench_filter::{NEAR_GROUND_M, Noise, Point, Track, predict};
 use bench_plant::effects::{Axis, parse_effect};
-use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{Mission, Model, Rig};
-use bench_run::simulate;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use bench_rig::Rig;
+use flown::fly;
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+use support::rig;
 
 /// Deviation, m/s, and correlation time, s, of the wind in which all flights are flown.
 const WIND: (f64, f64) = (0.15, 0.5);
@@ -17,14 +20,9 @@ const FLIGHTS: u64 = 30;
 /// Chance of a false alarm of each check, to either side.
 const CHANCE: f64 = 1e-4;
 
-fn rigs() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
-}
-
 /// The rig as it is, and as the filter is told that it is: all that disturbs it is wind.
 fn real_and_told() -> [Rig; 2] {
-    let mut told = Rig::load(rigs().join("virtual.toml")).unwrap();
-    told.plant.model = Model::Vertical;
+    let mut told = rig();
     // Rounding is not normal.
     told.tracker.resolution_m = 0.0;
     let a = &told.airframe;
@@ -42,15 +40,11 @@ fn real_and_told() -> [Rig; 2] {
 /// Normalised innovations of each flight at altitude: near the ground the filter allows for a law with a kink.
 fn normalised() -> Vec<Vec<f64>> {
     let [real, told] = real_and_told();
-    let mission = Mission::load(rigs().join("missions/steps.toml")).unwrap();
     let (point, _) = Point::nominal(&told);
     let noise = Noise::nominal(&told);
     (1..=FLIGHTS)
         .map(|seed| {
-            let mut records: Vec<Record> = Vec::new();
-            simulate(&real, &mission, seed, &mut records, |_| true).unwrap();
-            let flight = Flight::from_records(Session::new(Mode::Sim), records);
-            let track = Track::from_flight("steps", &flight, &told).unwrap();
+            let track = Track::from_flight("steps", &fly(&real, "steps", seed), &told).unwrap();
             predict(&track, &told, &point, &noise)
                 .innovations
                 .iter()
@@ -75,5 +69,9 @@ fn normalised_innovations_squared_sum_to_a_chi_squared_variable_and_neighbours_d
     let products: f64 =
         flights.iter().flat_map(|flight| flight.windows(2)).map(|pair| pair[0] * pair[1]).sum();
     let pairs = (count - flights.len()) as f64;
-    assert!((products / pairs).abs() < 3.72 / pairs.sqrt(), "{}", products / pairs);
+    assert!(
+        (products / pairs).abs() < Normal::standard().inverse_cdf(1.0 - CHANCE) / pairs.sqrt(),
+        "{}",
+        products / pairs
+    );
 }

@@ -1,7 +1,6 @@
 //! The nominal numbers from nominal flights.
 
-use bench_filter::{Coordinate, Noise, Point, Track, innovations};
-use bench_filter::{PerNumber, RigNumber};
+use bench_filter::{Coordinate, Noise, PerNumber, Point, RigNumber, Track, innovations};
 use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
 use serde::Serialize;
@@ -281,12 +280,12 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
     let (before, _) = Point::nominal(prior);
     let (after, after_sigma) = Point::nominal(&out);
     let names = Point::names(prior);
-    let numbers = RigNumber::ALL
-        .into_iter()
-        .filter(|i| *i != RigNumber::Origin && problem.sigma[*i] > 0.0)
-        .map(|i| IdentifiedNumber {
+    let numbers = problem
+        .uncertain()
+        .filter(|(i, _)| *i != RigNumber::Origin)
+        .map(|(i, sigma)| IdentifiedNumber {
             name: names[i],
-            before: (before.nuisances[i], problem.sigma[i]),
+            before: (before.nuisances[i], sigma),
             after: (after.nuisances[i], after_sigma[i]),
             standard_error: told.standard_error[i],
             between_flights: between[i],

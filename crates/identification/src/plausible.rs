@@ -123,12 +123,11 @@ pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
         });
     }
     let names = Point::names(problem.rig);
-    let far: Vec<Contradiction> = RigNumber::ALL
-        .into_iter()
-        .filter(|i| problem.sigma[*i] > 0.0)
-        .map(|i| {
-            let (nominal, fitted) = (problem.nominal.nuisances[i], fit.point.nuisances[i]);
-            Contradiction { name: names[i], nominal, fitted, sigmas: (fitted - nominal) / problem.sigma[i] }
+    let far: Vec<Contradiction> = problem
+        .uncertain()
+        .map(|(number, sigma)| {
+            let (nominal, fitted) = (problem.nominal.nuisances[number], fit.point.nuisances[number]);
+            Contradiction { name: names[number], nominal, fitted, sigmas: (fitted - nominal) / sigma }
         })
         .filter(|number| number.sigmas.abs() > FAR_SIGMAS)
         .collect();

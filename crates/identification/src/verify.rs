@@ -315,16 +315,14 @@ fn band_check(flights: &[FlightVerified], tolerance: &Tolerance) -> VerifyCheck 
 /// order, and of trajectories with the rig's own numbers.
 fn variances_of(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> [f64; 9] {
     let mut out = [0.0; 9];
-    for (variance, (number, sigma)) in out.iter_mut().zip(problem.sigma.iter()) {
-        let sigma = *sigma;
-        if sigma > 0.0 {
-            let moved = |way: f64| {
-                let mut point = problem.nominal.clone();
-                point.nuisances[number] += way * sigma;
-                fly(track, seen, problem, &point, None)
-            };
-            *variance = moved(1.0).iter().zip(moved(-1.0)).map(|(a, b)| (0.5 * (a - b)).powi(2)).sum::<f64>();
-        }
+    for (number, sigma) in problem.uncertain() {
+        let moved = |way: f64| {
+            let mut point = problem.nominal.clone();
+            point.nuisances[number] += way * sigma;
+            fly(track, seen, problem, &point, None)
+        };
+        let variance = moved(1.0).iter().zip(moved(-1.0)).map(|(a, b)| (0.5 * (a - b)).powi(2)).sum::<f64>();
+        out[number as usize] = variance;
     }
     let drawn: Vec<Vec<f64>> = (0..CALM_DRAWS)
         .into_par_iter()

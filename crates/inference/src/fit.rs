@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use crate::settle;
 
 /// What all fits of one diagnosis share.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// The flights.
     pub tracks: &'a [Track],
@@ -257,6 +258,11 @@ impl<'a> Problem<'a> {
         Self { tracks, rig, nominal, sigma, noise, top_m: top_m(tracks) }
     }
 
+    /// The rig's numbers that are not exact, with one sigma of each.
+    pub fn uncertain(&self) -> impl Iterator<Item = (RigNumber, f64)> {
+        RigNumber::ALL.into_iter().zip(self.sigma.0).filter(|(_, sigma)| *sigma > 0.0)
+    }
+
     /// How many sightings are held against predictions.
     pub fn counted(&self) -> usize {
         self.tracks.iter().map(Track::counted).sum()
@@ -267,7 +273,7 @@ impl<'a> Problem<'a> {
     where
         'a: 'b,
     {
-        Problem { tracks, nominal: self.nominal.clone(), ..*self }
+        Problem { tracks, ..self.clone() }
     }
 
     /// How much stronger each flight's noise is than the rig says, as natural logarithms, where the rig says that flights
@@ -572,18 +578,16 @@ impl<'a> Problem<'a> {
     /// the prediction: all of those before the given slot, of the others those that do not have their default.
     fn free(&self, point: &Point, plain_from: usize) -> Vec<Free> {
         let mut free = Vec::new();
-        for (i, &sigma) in self.sigma.iter() {
-            if sigma > 0.0 {
-                let mean = self.nominal.nuisances[i];
-                let low = if mean > 0.0 { 0.02 * mean } else { mean - 50.0 * sigma };
-                free.push(Free {
-                    at: Coordinate::Nuisance(i),
-                    logarithmic: false,
-                    mean,
-                    sigma,
-                    range: (low, mean.abs() * 10.0 + 50.0 * sigma),
-                });
-            }
+        for (number, sigma) in self.uncertain() {
+            let mean = self.nominal.nuisances[number];
+            let low = if mean > 0.0 { 0.02 * mean } else { mean - 50.0 * sigma };
+            free.push(Free {
+                at: Coordinate::Nuisance(number),
+                logarithmic: false,
+                mean,
+                sigma,
+                range: (low, mean.abs() * 10.0 + 50.0 * sigma),
+            });
         }
         for (slot, (effect, values)) in point.effects.iter().enumerate() {
             if !is_random(*effect) {

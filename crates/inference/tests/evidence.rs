@@ -1,15 +1,18 @@
 //! Evidence by Laplace's method against quadrature, and nested evidences against the Savage-Dickey density ratio (Dickey,
 //! *Annals of Mathematical Statistics* 42, 1971).
 
-use std::path::Path;
+#[path = "../../diagnosis/tests/support/flown.rs"]
+mod flown;
+#[path = "../../diagnosis/tests/support/mod.rs"]
+mod support;
 
 use bench_filter::{Noise, PerNumber, Point, RigNumber, Track};
 use bench_inference::{Fit, Free, Problem};
 use bench_plant::effects::{LIBRARY, index_of, parse_effect};
-use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{Mission, Model, Rig};
-use bench_run::simulate;
+use bench_rig::Rig;
+use flown::fly;
 use nalgebra::{DMatrix, DVector};
+use support::rig;
 
 /// What Laplace's method may be off by, nats: a few hundredths for laws that are nearly linear over their posterior, of which
 /// 0.02 a coordinate is the sensitivities' own error (`crates/filter/tests/sensitivity.rs`). Decisions begin at two nats.
@@ -19,28 +22,12 @@ const ALLOWED_NATS: f64 = 0.1;
 const POINTS: i32 = 12;
 const STEP: f64 = 0.5;
 
-fn rig() -> Rig {
-    let mut rig = Rig::load(rigs().join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
-    rig
-}
-
-fn rigs() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
-}
-
 /// A climb and a hover, flown by a rig with an effect.
 fn tracks(effect: &str) -> Vec<Track> {
     let mut real = rig();
     real.effects.push(parse_effect(effect).unwrap());
     [("climb-040", 1), ("low-hover", 2)]
-        .map(|(name, seed)| {
-            let mission = Mission::load(rigs().join("missions").join(name).with_extension("toml")).unwrap();
-            let mut records: Vec<Record> = Vec::new();
-            simulate(&real, &mission, seed, &mut records, |_| true).unwrap();
-            let flight = Flight::from_records(Session::new(Mode::Sim), records);
-            Track::from_flight(name, &flight, &rig()).unwrap()
-        })
+        .map(|(name, seed)| Track::from_flight(name, &fly(&real, name, seed), &rig()).unwrap())
         .into()
 }
 

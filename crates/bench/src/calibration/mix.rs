@@ -68,7 +68,7 @@ pub(super) static MIX: LazyLock<Mix> =
 
 #[cfg(test)]
 mod tests {
-    use bench_plant::effects::index_of;
+    use bench_plant::effects::{EffectSpec, LIBRARY, Shows, index_of};
 
     use super::*;
 
@@ -85,6 +85,11 @@ mod tests {
         }
         assert!(mix.thrust_to_weight.most_floor < 1.0 && mix.thrust_to_weight.least_ceiling > 1.0);
         assert!(mix.never_seen.iter().all(|effect| index_of(effect).is_some()), "{:?}", mix.never_seen);
+        // The library says it too, of each effect.
+        let level = |spec: &&&EffectSpec| spec.signature.shows == Shows::LawWhenTilted;
+        assert!(
+            LIBRARY.iter().filter(level).map(|spec| spec.name).eq(mix.never_seen.iter().map(String::as_str))
+        );
         assert_eq!(mix.parts.none_and_single(240), [60, 140]);
     }
 }

@@ -120,7 +120,7 @@ fn kind(kind: &Kind) -> Value {
         }
         Kind::Names(of) => json!({ "type": "object", "additionalProperties": self::kind(of) }),
         Kind::Effects => {
-            json!({ "type": "array", "items": { "oneOf": LIBRARY.iter().copied().map(effect).collect::<Vec<_>>() } })
+            json!({ "type": "array", "items": { "oneOf": LIBRARY.iter().map(|spec| effect(spec)).collect::<Vec<_>>() } })
         }
         Kind::AnyOf(kinds) => json!({ "anyOf": kinds.iter().map(self::kind).collect::<Vec<_>>() }),
     }

@@ -1,4 +1,4 @@
-//! The rig and the missions of these tests.
+//! The rig and the missions of the tests of filter, inference and diagnosis.
 
 use std::path::{Path, PathBuf};
 
