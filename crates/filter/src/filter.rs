@@ -9,7 +9,7 @@ use crate::{
         CARRIED_M_S, Covariance, State, Transition, initial_covariance, lift_off_covariance,
         predicted_variance, reset_covariance, stop_covariance, update_along, update_by_altitude,
     },
-    law::{Law, Point},
+    law::{Hold, Law, Point},
     measurement::{AltitudeMeasurement, Scored},
     noise::Noise,
     passenger::{Flown, Measured, Passenger, Propagated, Reset, Updated},
@@ -25,6 +25,10 @@ const DZ: f64 = 1e-4;
 const DV: f64 = 1e-3;
 /// For so long laws are held at what was there before the flight, s: they settle on it.
 const AT_REST_S: f64 = 1e-6;
+/// Steps up to this long, s, are made by the midpoint rule, longer ones by that of Runge and Kutta. One such step leads to a measurement
+/// that is no further off, with the mean thrust, whatever edges the throttle has on the way: if it steps by a tenth of the weight there,
+/// altitude is off by a hundredth of a millimetre.
+const SHORT_STEP_S: f64 = 0.012;
 /// Longest integration step, s, and the longest near the ground, where the air changes within centimetres.
 const STEP_S: f64 = 0.1001;
 const NEAR_GROUND_STEP_S: f64 = 0.034;
@@ -77,6 +81,8 @@ struct Filter {
     ceiling_m: f64,
     /// Height below which the ground bends a flight, m.
     ground_effect_m: f64,
+    /// What the pin holds over the step at hand.
+    holds: Vec<Hold>,
 }
 
 /// What of a flight the filter learns from.
@@ -125,6 +131,7 @@ impl Filter {
             offset: rig.airframe.thrust.offset.value,
             ground_effect_m: rig.airframe.ground_effect.height_m.value,
             noise,
+            holds: Vec::new(),
         }
     }
 
@@ -133,10 +140,10 @@ impl Filter {
         let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
         if let Some(before) = input.checked_sub(1) {
             // What lags comes from what was held at rest, not from the launch.
-            let throttle = track.inputs[before].throttle;
-            self.law.hold(AT_REST_S, throttle);
+            self.holds.push(Hold { h: AT_REST_S, throttle: track.inputs[before].throttle });
+            self.law.hold(&self.holds);
             self.law.advance(AT_REST_S, 0.0, 0.0);
-            passengers.propagated(&self.held(AT_REST_S, throttle));
+            passengers.propagated(&self.held(AT_REST_S));
         }
         let late = self.law.view.latency_s - rig.tracker.latency_s.value;
         let feels = self.noise.velocity_m_s.max(self.noise.acceleration_m_s2) > 0.0;
@@ -145,18 +152,10 @@ impl Filter {
             self.carried = sighting.carried;
             let at = sighting.exposed_s - late;
             while now < at {
-                let edge = track.inputs.get(input + 1).map_or(f64::INFINITY, |next| next.time_s);
-                let until = at.min(edge).min(felt.first().map_or(f64::INFINITY, |felt| felt.time_s.max(now)));
-                let throttle = track.inputs[input].throttle;
                 self.look_at_channels(track, now);
-                while now < until {
-                    let left = until - now;
-                    let steps = (left / self.longest_step_s()).ceil();
-                    self.time_update(left / steps, throttle, passengers);
-                    now = if steps > 1.0 { now + left / steps } else { until };
-                }
-                if until == edge {
-                    input += 1;
+                let until = at.min(felt.first().map_or(f64::INFINITY, |felt| felt.time_s.max(now)));
+                if now < until {
+                    now = self.step(track, &mut input, now, until, passengers);
                 }
                 while let Some((first, rest)) = felt.split_first().filter(|(first, _)| first.time_s <= now) {
                     self.on_board_update(first, passengers);
@@ -171,6 +170,40 @@ impl Filter {
         }
     }
 
+    /// Makes a step towards `until`, s, from where the pin holds the track's input `input`; when it ends.
+    fn step(
+        &mut self,
+        track: &Track,
+        input: &mut usize,
+        now: f64,
+        until: f64,
+        passengers: &mut impl Passenger,
+    ) -> f64 {
+        let edge = |input: usize| track.inputs.get(input + 1).map_or(f64::INFINITY, |next| next.time_s);
+        while edge(*input) <= now {
+            *input += 1;
+        }
+        let longest_s = self.longest_step_s();
+        self.holds.clear();
+        if until - now <= SHORT_STEP_S.min(longest_s) {
+            let mut from = now;
+            while edge(*input) < until {
+                self.holds.push(Hold { h: edge(*input) - from, throttle: track.inputs[*input].throttle });
+                from = edge(*input);
+                *input += 1;
+            }
+            self.holds.push(Hold { h: until - from, throttle: track.inputs[*input].throttle });
+            self.time_update(until - now, passengers);
+            return until;
+        }
+        let end = until.min(edge(*input));
+        let left = end - now;
+        let steps = (left / longest_s).ceil();
+        self.holds.push(Hold { h: left / steps, throttle: track.inputs[*input].throttle });
+        self.time_update(left / steps, passengers);
+        if steps > 1.0 { now + left / steps } else { end }
+    }
+
     /// How long the next step may be: fast through the ground effect, a flight is bent within a few hundredths of a second.
     fn longest_step_s(&self) -> f64 {
         let [z, v, ..] = self.x;
@@ -182,24 +215,30 @@ impl Filter {
     }
 
     /// A step over which the airframe did not follow the law.
-    fn held(&self, h: f64, throttle: f64) -> Propagated<'_> {
+    fn held(&self, h: f64) -> Propagated<'_> {
         let [z, v, ..] = self.x;
-        Propagated { h, throttle, law: &self.law, from: [z, v], ratio: self.around.ratio, flown: None }
+        Propagated {
+            h,
+            holds: &self.holds,
+            law: &self.law,
+            from: [z, v],
+            ratio: self.around.ratio,
+            flown: None,
+        }
     }
 
-    fn time_update(&mut self, h: f64, throttle: f64, passengers: &mut impl Passenger) {
+    fn time_update(&mut self, h: f64, passengers: &mut impl Passenger) {
         let [z, v, b, w] = self.x;
-        let w_time = self.noise.turbulence_time_s;
-        self.look_around(h, throttle);
-        self.law.hold(h, throttle);
+        self.look_around(h);
+        self.law.hold(&self.holds);
         self.law.advance(h, z, v);
         let a0 = self.law.acceleration_m_s2(z, v);
         if self.carried {
-            passengers.propagated(&self.held(h, throttle));
+            passengers.propagated(&self.held(h));
             return;
         }
         if z <= 0.0 && v <= 0.0 && a0 + b + w <= 0.0 {
-            passengers.propagated(&self.held(h, throttle));
+            passengers.propagated(&self.held(h));
             passengers.reset(&Reset::Standing);
             self.standing = true;
             return;
@@ -209,21 +248,29 @@ impl Filter {
             lift_off_covariance(&mut self.p, self.noise.lift_off_m_s);
             passengers.reset(&Reset::LiftOff(self.noise.lift_off_m_s));
         }
-        // Classical Runge-Kutta; what depends on the way there is taken in its middle.
+        // What depends on the way there is taken in its middle.
         let a = a0 + b + w;
         let half = h / 2.0;
         let after = |dt: f64, speed: f64, a: f64| [(z + dt * speed).max(0.0), v + dt * a];
         let first = after(half, v, a);
-        let a1 = self.law.acceleration_m_s2(first[0], first[1]) + b + w;
-        let middle = after(half, first[1], a1);
-        let force = self.law.acceleration_m_s2(middle[0], middle[1]);
-        let a2 = force + b + w;
-        let end = after(h, middle[1], a2);
-        let a3 = self.law.acceleration_m_s2(end[0], end[1]) + b + w;
-        let mut z1 = z + h * (v + h * (a + a1 + a2) / 6.0);
-        let mut v1 = v + h * (a + 2.0 * (a1 + a2) + a3) / 6.0;
+        let mut force = self.law.acceleration_m_s2(first[0], first[1]);
+        let a1 = force + b + w;
+        let (middle, mut z1, mut v1);
+        if h <= SHORT_STEP_S {
+            middle = first;
+            z1 = z + h * first[1];
+            v1 = v + h * a1;
+        } else {
+            middle = after(half, first[1], a1);
+            force = self.law.acceleration_m_s2(middle[0], middle[1]);
+            let a2 = force + b + w;
+            let end = after(h, middle[1], a2);
+            let a3 = self.law.acceleration_m_s2(end[0], end[1]) + b + w;
+            z1 = z + h * (v + h * (a + a1 + a2) / 6.0);
+            v1 = v + h * (a + 2.0 * (a1 + a2) + a3) / 6.0;
+        }
         let (az, av) = self.slopes(middle, force);
-        let kept = if w_time > 0.0 { (-h / w_time).exp() } else { 0.0 };
+        let kept = kept(h / self.noise.turbulence_time_s);
         let push = h * h / 2.0;
         let lift = h * (1.0 + av * h / 2.0);
         let transition = Transition {
@@ -234,7 +281,7 @@ impl Filter {
         let near_ground = z < NEAR_GROUND_M;
         transition.propagate_covariance(&mut self.p, h, near_ground, &self.noise);
         let flown = Flown { middle, force, transition: &transition, near_ground, axes: &self.axes() };
-        passengers.propagated(&Propagated { flown: Some(flown), ..self.held(h, throttle) });
+        passengers.propagated(&Propagated { flown: Some(flown), ..self.held(h) });
         if z1 <= 0.0 {
             z1 = 0.0;
             if v1 < 0.0 {
@@ -261,9 +308,10 @@ impl Filter {
         }
     }
 
-    fn look_around(&mut self, h: f64, throttle: f64) {
+    fn look_around(&mut self, h: f64) {
         let around = &mut self.around;
-        around.ratio = (self.ratio_per_unit * (throttle - self.offset)).max(0.0);
+        let impulse = |hold: &Hold| (self.ratio_per_unit * (hold.throttle - self.offset)).max(0.0) * hold.h;
+        around.ratio = self.holds.iter().map(impulse).sum::<f64>() / h;
         around.lagged_ratio += (around.ratio - around.lagged_ratio) * settled(h / CHANGE_TIME_S);
         around.elapsed_s += h;
         around.charge_min += around.ratio * h / 60.0;
@@ -412,6 +460,20 @@ impl Filter {
 #[inline]
 fn settled(x: f64) -> f64 {
     x / (1.0 + 0.5 * x)
+}
+
+/// What an Ornstein-Uhlenbeck process keeps over a step of `x` correlation times: `exp(-x)`, where steps are short by its approximant
+/// of Pade, which is off by less than `x^5/720`; nothing where it has no correlation time.
+#[inline]
+fn kept(x: f64) -> f64 {
+    if x < 0.2 {
+        let (even, odd) = (1.0 + x * x / 12.0, 0.5 * x);
+        (even - odd) / (even + odd)
+    } else if x.is_finite() {
+        (-x).exp()
+    } else {
+        0.0
+    }
 }
 
 /// Where a law's ceiling stops the airframe, m: not where it was seen above.

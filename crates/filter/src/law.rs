@@ -191,6 +191,15 @@ impl Point {
     }
 }
 
+/// A throttle that the pin holds for a while.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hold {
+    /// For how long, s.
+    pub h: f64,
+    /// Throttle on the pin, in units of the actuation.
+    pub throttle: f64,
+}
+
 /// The law with its effects' inner states, advanced along a flight.
 pub struct Law {
     nominal: Nominal,
@@ -246,17 +255,32 @@ impl Law {
         law
     }
 
-    /// Takes the pin's throttle over the next step.
+    /// Takes what the pin holds over the next step: the thrust is the mean of what it gives.
     #[inline]
-    pub fn hold(&mut self, dt_s: f64, throttle: f64) {
-        let mut sticks = Sticks { throttle, ..Sticks::default() };
+    pub fn hold(&mut self, holds: &[Hold]) {
+        let [hold] = holds else {
+            let (mut impulse, mut lasted_s) = (0.0, 0.0);
+            for hold in holds {
+                impulse += self.free_thrust_n(hold) * hold.h;
+                lasted_s += hold.h;
+            }
+            self.free_thrust_n = impulse / lasted_s;
+            return;
+        };
+        self.free_thrust_n = self.free_thrust_n(hold);
+    }
+
+    #[inline]
+    fn free_thrust_n(&mut self, hold: &Hold) -> f64 {
+        let mut sticks = Sticks { throttle: hold.throttle, ..Sticks::default() };
         for effect in &mut self.effects.actuator {
-            effect.actuate(dt_s, &mut sticks);
+            effect.actuate(hold.h, &mut sticks);
         }
-        self.free_thrust_n = self.nominal.free_thrust_n(sticks.throttle);
+        let mut free_thrust_n = self.nominal.free_thrust_n(sticks.throttle);
         for effect in &mut self.effects.propulsion {
-            effect.propel(dt_s, &mut self.free_thrust_n);
+            effect.propel(hold.h, &mut free_thrust_n);
         }
+        free_thrust_n
     }
 
     /// Moves the effects' states on along the flight.
@@ -277,13 +301,13 @@ impl Law {
         other: &Self,
         reach: Reach,
         dt_s: f64,
-        throttle: f64,
+        holds: &[Hold],
         [z_m, speed_m_s]: [f64; 2],
     ) {
         match reach {
             Reach::Sight => return,
             Reach::Force => self.free_thrust_n = other.free_thrust_n,
-            Reach::Throttle => self.hold(dt_s, throttle),
+            Reach::Throttle => self.hold(holds),
         }
         self.advance(dt_s, z_m, speed_m_s);
     }
@@ -329,10 +353,10 @@ mod tests {
             let (z, v) = (0.45 - 0.44 * (0.4 * t_s).cos(), 0.176 * (0.4 * t_s).sin());
             let throttle = 1.9 + 0.15 * (2.0 * t_s).sin() + if k % 50 < 25 { 0.05 } else { 0.0 };
             for law in [&mut base, &mut alone] {
-                law.hold(0.02, throttle);
+                law.hold(&[Hold { h: 0.02, throttle }]);
                 law.advance(0.02, z, v);
             }
-            beside.move_beside(&base, reach, 0.02, throttle, [z, v]);
+            beside.move_beside(&base, reach, 0.02, &[Hold { h: 0.02, throttle }], [z, v]);
             let expected = match reach {
                 // Whoever asks takes the base's.
                 Reach::Sight => base.acceleration_m_s2(z, v),
@@ -401,7 +425,7 @@ mod tests {
                 let (z, v) = (0.03 - 0.03 * (4.0 * t_s).cos(), 0.12 * (4.0 * t_s).sin());
                 for law in [&mut fitted, &mut flown] {
                     // Below where any typical saturation acts, for pins do as the rig says.
-                    law.hold(0.02, 1.7 + 0.1 * (2.0 * t_s).sin());
+                    law.hold(&[Hold { h: 0.02, throttle: 1.7 + 0.1 * (2.0 * t_s).sin() }]);
                     law.advance(0.02, z, v);
                 }
                 let aside = fitted.acceleration_m_s2(z, v) - flown.acceleration_m_s2(z, v);

@@ -33,7 +33,7 @@ pub use filter::NEAR_GROUND_M;
 pub use frame_clock::TOGETHER_S;
 pub use innovation::Innovation;
 pub use k_step::HORIZONS_S;
-pub use law::{Coordinate, Law, Point, known};
+pub use law::{Coordinate, Hold, Law, Point, known};
 pub use measurement::Scored;
 pub use noise::{Noise, added, is_random, spread};
 pub use pass::{Pass, Prediction, TrackPass, innovations, knots, nll, nll_of_all, predict, run, run_for};

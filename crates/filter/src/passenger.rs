@@ -4,7 +4,7 @@ use bench_plant::effects::Axis;
 
 use crate::{
     covariance::{Covariance, State, Transition},
-    law::Law,
+    law::{Hold, Law},
     measurement::{AltitudeMeasurement, Scored},
     track::Sighting,
 };
@@ -24,8 +24,8 @@ pub(crate) trait Passenger {
 pub(crate) struct Propagated<'a> {
     /// How long it was, s.
     pub h: f64,
-    /// Throttle on the pin.
-    pub throttle: f64,
+    /// What the pin held over it.
+    pub holds: &'a [Hold],
     /// The law, after its effects' states have moved on.
     pub law: &'a Law,
     /// Altitude, m, and speed, m/s, before.

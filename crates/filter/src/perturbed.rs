@@ -170,7 +170,7 @@ impl Source {
         match self {
             Self::Law(law, _, reach) => {
                 law.tilt_cos = step.law.tilt_cos;
-                law.move_beside(step.law, *reach, step.h, step.throttle, step.from);
+                law.move_beside(step.law, *reach, step.h, step.holds, step.from);
             }
             Self::Play(play) => play.middle = dragged(play.middle, step.ratio, play.width),
             _ => {}

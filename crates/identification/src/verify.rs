@@ -1,7 +1,7 @@
 //! A model held against open-loop flights (paper, section 3.5, figure 11): nothing is fitted.
 
 use bench_filter::RigNumber;
-use bench_filter::{HORIZONS_S, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track};
+use bench_filter::{HORIZONS_S, Hold, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track};
 use bench_inference::{Consistency, Problem};
 use bench_rig::Rig;
 use bench_statistics::Sorted;
@@ -504,7 +504,7 @@ fn fly(
 
 /// The midpoint rule over a step, and contact with ground and ceiling.
 fn step(law: &mut Law, h: f64, throttle: f64, (z, v): (f64, f64), air: &mut Option<Air<'_>>) -> (f64, f64) {
-    law.hold(h, throttle);
+    law.hold(&[Hold { h, throttle }]);
     law.advance(h, z, v);
     let push = air.as_mut().map_or(0.0, |air| air.advance(h, z));
     let first = law.acceleration_m_s2(z, v) + push;
