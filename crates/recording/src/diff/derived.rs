@@ -6,8 +6,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::{
     DiffError,
-    compare::Outcome,
     law::{Entry, Interpolation, catalogue},
+    merge::Outcome,
     pair::{Pair, Timing},
     report::{DerivedFrom, Tolerance, ToleranceOrigin},
     scan::{Scan, Source},

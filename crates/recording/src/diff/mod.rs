@@ -17,6 +17,8 @@ mod error;
 mod html;
 mod keys;
 mod law;
+mod merge;
+mod names;
 mod pair;
 mod plots;
 mod report;

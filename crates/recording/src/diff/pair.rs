@@ -3,8 +3,9 @@
 use super::{
     Align, DiffError, DiffOptions,
     align::{TimeMap, align, coverage},
-    compare::{Axis, Outcome, Setup, compare},
+    compare::compare,
     law::{Entry, Interpolation, catalogue},
+    merge::{Axis, Outcome, Setup},
     report::{Alignment, Coverage, Reason, Tolerance, ToleranceOrigin},
     scan::Scan,
     tolerance::Floor,

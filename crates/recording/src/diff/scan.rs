@@ -6,7 +6,7 @@ use bench_device::{Time, TrackStatus};
 use bench_rig::{Phase, Rig};
 
 use super::{
-    law::{Cell, Extractor, catalogue},
+    law::{Cell, Entry, Extractor, catalogue},
     series::Series,
 };
 use crate::{Channel, Field, Mode, Record, Recording, RecordingError, Session};
@@ -208,6 +208,8 @@ pub(super) struct Scan {
     pub source: Source,
     /// By slot of the catalogue.
     pub fields: Vec<Seen>,
+    /// By slot, whether every record of the channel has a number in the field.
+    whole: Vec<bool>,
     /// Each phase with its first instant, ns.
     pub phases: Vec<(Phase, i64)>,
     /// When the controller took the airframe for down in each landing, ns.
@@ -220,7 +222,6 @@ pub(super) struct Scan {
     pub last_ns: i64,
     /// How far the file's order falls behind the records' times, ns.
     disorder_ns: i64,
-    last_of_channel_ns: [i64; Channel::ALL.len()],
     /// The unit of the sticks; `None` where no rig is attached that says so.
     pub actuation: Option<&'static str>,
 }
@@ -233,7 +234,8 @@ impl Scan {
     pub fn of(source: Source) -> Result<Self, RecordingError> {
         let rig = source.session().rig_toml.as_ref().map(|text| Rig::read(Path::new("rig.toml"), text));
         let mut scan = Self {
-            fields: vec![Seen::default(); catalogue().len()],
+            fields: Vec::new(),
+            whole: Vec::new(),
             phases: Vec::new(),
             settling_ns: Vec::new(),
             descending: false,
@@ -242,28 +244,26 @@ impl Scan {
             first_ns: i64::MAX,
             last_ns: i64::MIN,
             disorder_ns: 0,
-            last_of_channel_ns: [0; Channel::ALL.len()],
             actuation: rig.and_then(Result::ok).map(|rig| rig.airframe.actuation.unit()),
             source: Source::memory(Session::new(Mode::Sim), Vec::new()),
         };
-        let mut extractor = Extractor::new();
+        let mut census = Census::new();
         for record in source.records(&Channel::ALL)? {
-            scan.take(&record?, &mut extractor);
+            let record = record?;
+            census.take(&record);
+            scan.take(&record);
         }
+        (scan.fields, scan.whole) = census.finish();
         scan.source = source;
         Ok(scan)
     }
 
-    fn take(&mut self, record: &Record, extractor: &mut Extractor) {
+    fn take(&mut self, record: &Record) {
         let t_ns = nanos(record.time());
         self.records += 1;
         self.first_ns = self.first_ns.min(t_ns);
         self.last_ns = self.last_ns.max(t_ns);
         self.disorder_ns = self.disorder_ns.max(self.last_ns - t_ns);
-        // Most fields have a sample in each record of their channel, and so the same intervals.
-        let before_ns = std::mem::replace(&mut self.last_of_channel_ns[record.channel() as usize], t_ns);
-        let interval = Interval::between(before_ns, t_ns);
-        extractor.each(record, |slot, cell| self.fields[slot].take(t_ns, cell, before_ns, interval));
         for (signal, series) in Signal::ALL.into_iter().zip(&mut self.signals) {
             if let Some(value) = signal.value(record) {
                 series.push(t_ns, value);
@@ -328,6 +328,11 @@ impl Scan {
         if field.unit == Field::ACTUATION { self.actuation } else { Some(field.unit) }
     }
 
+    /// Whether every record of the channel has a number in a field.
+    pub fn is_whole(&self, slot: usize) -> bool {
+        self.whole[slot]
+    }
+
     /// Whether the file is so far out of order that channels must be read one at a time.
     pub fn is_unsorted(&self) -> bool {
         self.disorder_ns > DISORDER_MAX_NS
@@ -342,8 +347,53 @@ impl Scan {
     }
 }
 
+/// Counts samples. Most fields have one in each record of their channel, and so as many at the same intervals: these are counted once
+/// for all, and a field for itself only from the first record on in which it has none.
+struct Census {
+    extractor: Extractor,
+    /// By channel: its records, each taken for a sample.
+    channels: [Seen; Channel::ALL.len()],
+    /// By slot of the catalogue; `None` as long as the field is as its channel.
+    fields: Vec<Option<Box<Seen>>>,
+}
+
+impl Census {
+    fn new() -> Self {
+        Self {
+            extractor: Extractor::new(),
+            channels: Default::default(),
+            fields: catalogue().iter().map(|_| None).collect(),
+        }
+    }
+
+    fn take(&mut self, record: &Record) {
+        let Self { extractor, channels, fields } = self;
+        let channel = &mut channels[record.channel() as usize];
+        let t_ns = nanos(record.time());
+        let before_ns = channel.last_ns;
+        let interval = Interval::between(before_ns, t_ns);
+        extractor.each(record, |slot, cell| match &mut fields[slot] {
+            None if matches!(cell, Cell::Number(_)) => {}
+            field => {
+                field.get_or_insert_with(|| Box::new(channel.clone())).take(t_ns, cell, before_ns, interval);
+            }
+        });
+        channel.take(t_ns, Cell::Number(0.0), before_ns, interval);
+    }
+
+    /// What each field has, by slot, and whether every record has it.
+    fn finish(self) -> (Vec<Seen>, Vec<bool>) {
+        let Self { channels, fields, .. } = self;
+        let whole = fields.iter().map(Option::is_none).collect();
+        let seen = |(entry, field): (Entry, Option<Box<Seen>>)| {
+            field.map_or_else(|| channels[entry.channel as usize].clone(), |seen| *seen)
+        };
+        (catalogue().into_iter().zip(fields).map(seen).collect(), whole)
+    }
+}
+
 impl Seen {
-    /// `interval` is the one since the channel's record before.
+    /// `interval` is the one since the channel's record before, which was at `before_ns`.
     fn take(&mut self, t_ns: i64, cell: Cell, before_ns: i64, interval: Interval) {
         match cell {
             Cell::Missing => {}

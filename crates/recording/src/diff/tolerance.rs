@@ -6,9 +6,9 @@ use serde::Deserialize;
 
 use super::{
     DiffError,
-    compare::Outcome,
     derived::Derived,
     law::{Entry, Interpolation, catalogue},
+    merge::Outcome,
     report::{Tolerance, ToleranceOrigin},
 };
 

@@ -1,17 +1,14 @@
 //! Series for drawing: least and greatest values of equal stretches of time.
 
-use super::{compare::Axis, report::Trace};
+use super::{merge::Axis, report::Trace};
 
-#[derive(Clone, Copy, Debug)]
+/// How many samples a stretch holds, and when.
+#[derive(Clone, Copy, Debug, Default)]
 struct Stretch {
-    least: f64,
-    greatest: f64,
     count: u32,
     /// Sum of the samples' times since the axis began, s.
     time_s: f64,
 }
-
-const EMPTY: Stretch = Stretch { least: f64::INFINITY, greatest: f64::NEG_INFINITY, count: 0, time_s: 0.0 };
 
 /// Finds the stretch of an instant: once for all fields of a record.
 #[derive(Clone, Copy)]
@@ -36,67 +33,97 @@ impl Stretches {
     }
 }
 
-/// Collects one field's trace.
-pub(super) struct TraceBuilder {
+/// The lines of a trace: A, B and their difference.
+const LINES: usize = 3;
+const DIFFERENCE: usize = 2;
+
+/// When there are samples to draw: the same for all fields that have theirs at the same instants.
+pub(super) struct TraceTimes {
     axis: Axis,
     gap_s: f64,
-    /// A, B and their difference.
-    lines: [Vec<Stretch>; 3],
+    lines: [Vec<Stretch>; LINES],
 }
 
-impl TraceBuilder {
+impl TraceTimes {
     /// Lines are broken where samples are further apart than `gap_ns`.
     pub fn new(axis: Axis, gap_ns: i64) -> Self {
-        let lines = std::array::from_fn(|_| vec![EMPTY; axis.stretches]);
+        let lines = std::array::from_fn(|_| vec![Stretch::default(); axis.stretches]);
         Self { axis, gap_s: gap_ns as f64 * 1e-9, lines }
     }
 
     /// Adds a sample of A (0) or B (1) that lies in a stretch.
-    pub fn value(&mut self, side: usize, stretch: u32, t_ns: i64, value: f64) {
-        self.add(side, stretch, t_ns, value);
+    pub fn value(&mut self, side: usize, stretch: u32, t_ns: i64) {
+        self.add(side, stretch, t_ns);
     }
 
     /// Adds a difference.
-    pub fn difference(&mut self, stretch: u32, t_ns: i64, value: f64) {
-        self.add(2, stretch, t_ns, value);
+    pub fn difference(&mut self, stretch: u32, t_ns: i64) {
+        self.add(DIFFERENCE, stretch, t_ns);
     }
 
-    /// `value` is a number.
-    fn add(&mut self, line: usize, stretch: u32, t_ns: i64, value: f64) {
+    fn add(&mut self, line: usize, stretch: u32, t_ns: i64) {
         if let Some(stretch) = self.lines[line].get_mut(stretch as usize) {
-            if value < stretch.least {
-                stretch.least = value;
-            }
-            if value > stretch.greatest {
-                stretch.greatest = value;
-            }
             stretch.count += 1;
             stretch.time_s += t_ns.saturating_sub(self.axis.from_ns) as f64 * 1e-9;
         }
     }
+}
+
+/// Collects one field's trace, whose samples [`TraceTimes`] counts.
+pub(super) struct TraceBuilder {
+    /// Least and greatest value by stretch.
+    lines: [Vec<[f64; 2]>; LINES],
+}
+
+impl TraceBuilder {
+    pub fn new(axis: Axis) -> Self {
+        Self { lines: std::array::from_fn(|_| vec![[f64::INFINITY, f64::NEG_INFINITY]; axis.stretches]) }
+    }
+
+    /// Adds a sample of A (0) or B (1) that lies in a stretch.
+    pub fn value(&mut self, side: usize, stretch: u32, value: f64) {
+        self.add(side, stretch, value);
+    }
+
+    /// Adds a difference.
+    pub fn difference(&mut self, stretch: u32, value: f64) {
+        self.add(DIFFERENCE, stretch, value);
+    }
+
+    /// `value` is a number.
+    fn add(&mut self, line: usize, stretch: u32, value: f64) {
+        if let Some([least, greatest]) = self.lines[line].get_mut(stretch as usize) {
+            if value < *least {
+                *least = value;
+            }
+            if value > *greatest {
+                *greatest = value;
+            }
+        }
+    }
 
     /// The trace; of equal series only the first is kept.
-    pub fn finish(self, same: bool) -> Trace {
-        let from_s = self.axis.from_ns as f64 * 1e-9;
-        let until_s = self.axis.until_ns as f64 * 1e-9;
-        let stretch_s = (until_s - from_s) / self.axis.stretches.max(1) as f64;
-        let break_s = self.gap_s + 2.0 * stretch_s;
-        let [a, b, difference] = self.lines.map(|line| points(&line, from_s, break_s));
-        let (b, difference) = if same { (Vec::new(), Vec::new()) } else { (b, difference) };
-        Trace { from_s: rounded(from_s), until_s: rounded(until_s), a, b, difference }
+    pub fn finish(&self, times: &TraceTimes, same: bool) -> Trace {
+        let axis = times.axis;
+        let (from_s, until_s) = (axis.from_ns as f64 * 1e-9, axis.until_ns as f64 * 1e-9);
+        let stretch_s = (until_s - from_s) / axis.stretches.max(1) as f64;
+        let break_s = times.gap_s + 2.0 * stretch_s;
+        let line = |line: usize| points(&times.lines[line], &self.lines[line], from_s, break_s);
+        let (b, difference) = if same { (Vec::new(), Vec::new()) } else { (line(1), line(DIFFERENCE)) };
+        Trace { from_s: rounded(from_s), until_s: rounded(until_s), a: line(0), b, difference }
     }
 }
 
-fn points(line: &[Stretch], from_s: f64, break_s: f64) -> Vec<Option<[f64; 3]>> {
+fn points(times: &[Stretch], values: &[[f64; 2]], from_s: f64, break_s: f64) -> Vec<Option<[f64; 3]>> {
     let mut points: Vec<Option<[f64; 3]>> = Vec::new();
-    for stretch in line.iter().filter(|stretch| stretch.count > 0) {
+    for (stretch, [least, greatest]) in times.iter().zip(values).filter(|(stretch, _)| stretch.count > 0) {
         let t_s = from_s + stretch.time_s / f64::from(stretch.count);
         if let Some(Some([before_s, ..])) = points.last()
             && t_s - before_s > break_s
         {
             points.push(None);
         }
-        points.push(Some([t_s, stretch.least, stretch.greatest].map(rounded)));
+        points.push(Some([t_s, *least, *greatest].map(rounded)));
     }
     points
 }
@@ -120,11 +147,13 @@ mod tests {
     fn a_trace_keeps_extremes_and_breaks_at_gaps() {
         let axis = Axis { from_ns: 0, until_ns: 10_000_000_000, stretches: 100 };
         let stretches = Stretches::of(axis);
-        let mut trace = TraceBuilder::new(axis, 200_000_000);
+        let (mut times, mut trace) = (TraceTimes::new(axis, 200_000_000), TraceBuilder::new(axis));
         for i in (0..1000).filter(|i| !(400..600).contains(i)) {
-            trace.value(0, stretches.find(i * 10_000_000), i * 10_000_000, if i == 333 { 7.0 } else { 0.0 });
+            let stretch = stretches.find(i * 10_000_000);
+            times.value(0, stretch, i * 10_000_000);
+            trace.value(0, stretch, if i == 333 { 7.0 } else { 0.0 });
         }
-        let trace = trace.finish(true);
+        let trace = trace.finish(&times, true);
         let greatest = trace.a.iter().flatten().fold(0.0, |most: f64, [_, _, greatest]| most.max(*greatest));
         assert_eq!(greatest, 7.0);
         assert_eq!(trace.a.iter().filter(|point| point.is_none()).count(), 1);

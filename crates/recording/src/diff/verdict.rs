@@ -2,9 +2,9 @@
 
 use super::{
     DiffOptions, DiffReport, Verdict,
-    compare::{Outcome, Tally},
     derived::Derived,
     law::{Interpolation, Law},
+    merge::{Outcome, Tally},
     pair::Pair,
     report::{
         Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason, RecordingSummary, Samples, Size, SizeOf,
