@@ -78,8 +78,8 @@ impl Passenger for Sensitivities {
             if let Some(flown) = &step.flown {
                 let push = model.source.push(flown.middle, flown.force, flown.axes);
                 model.aside = flown.transition.apply(model.aside);
-                model.aside[0] += step.h * step.h / 2.0 * push;
-                model.aside[1] += step.h * push;
+                model.aside[0] += flown.transition.z[2] * push;
+                model.aside[1] += flown.transition.v[2] * push;
             }
         }
     }
