@@ -29,7 +29,7 @@ use tokio::{
 };
 
 use crate::{
-    arguments::{Force, Json},
+    arguments::{Force, Json, Meta},
     exit::Exit,
     eyes::Eyes,
     files::{self, Form, Outputs},
@@ -82,6 +82,8 @@ pub struct Arguments {
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
+    #[command(flatten)]
+    meta: Meta,
     #[command(flatten)]
     live: LiveArguments,
     #[command(flatten)]
@@ -186,6 +188,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         };
         let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
         recorded::note_changes(&mut session, &changes);
+        Meta::note(arguments.meta.meta.clone(), &mut session);
         let recorder = match recorder(&output, &session, foxglove.as_ref()) {
             Ok(recorder) => recorder,
             Err(error) => {

@@ -5,6 +5,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use bench_rig::{Mission, Rig, visit};
+use bench_suite::Suite;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
@@ -75,6 +76,7 @@ fn entries() -> anyhow::Result<Vec<(Kind, String, PathBuf, String)>> {
                     format!("airframe {}, loop {} s", rig.airframe.name, rig.control_loop.period_s)
                 }
                 Kind::Mission => Mission::read(&path, &text)?.description,
+                Kind::Suite => Suite::read(&path, &text)?.description,
                 _ => text
                     .lines()
                     .find_map(|line| line.strip_prefix('#'))
