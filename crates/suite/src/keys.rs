@@ -38,8 +38,8 @@ pub(crate) const MIN: &str = "min";
 pub(crate) const MAX: &str = "max";
 pub(crate) const SPREAD_MAX: &str = "spread_max";
 
-/// The largest seed: a number of TOML holds it exactly.
-pub(crate) const SEED_MAX: f64 = 9_007_199_254_740_992.0;
+/// The largest seed of a first repeat.
+pub(crate) const SEED_MAX: f64 = u32::MAX as f64;
 /// No case has more seeds.
 pub(crate) const SEEDS_MAX: f64 = 10_000.0;
 /// No test is repeated more often.

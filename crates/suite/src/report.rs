@@ -314,9 +314,11 @@ pub struct Comparison {
 impl Comparison {
     /// In a line.
     pub fn in_words(&self) -> String {
-        let fields: Vec<String> = self.differences.iter().take(3).map(Difference::in_words).collect();
-        let fields = if fields.is_empty() { String::new() } else { format!(": {}", fields.join("; ")) };
-        format!("{} with {}: {}{fields}", self.kind.name(), self.with, self.summary)
+        let against = match self.kind {
+            Kind::Baseline => "against the baseline",
+            Kind::BackToBack => "against",
+        };
+        format!("{against} {}: {}", self.with, self.summary)
     }
 }
 
@@ -333,15 +335,6 @@ pub struct Difference {
     pub largest: Option<f64>,
     /// Mean difference with its sign, in the field's unit: the test's less the other's.
     pub mean: Option<f64>,
-}
-
-impl Difference {
-    fn in_words(&self) -> String {
-        match self.times_tolerance {
-            Some(times) => format!("{} by {} tolerances", self.field, bench_page::digits(times)),
-            None => self.field.clone(),
-        }
-    }
 }
 
 /// What the diagnosis says of flights that differ from their partners.

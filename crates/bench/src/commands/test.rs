@@ -31,8 +31,8 @@ use crate::{
   bench test paper --list
   bench test paper --tag ci --force --json
   bench test pre-flight --port /dev/ttyACM0 --station lab/ --meta operator=Ada --meta airframe=Q4-07
-  bench test my-suite.toml --record-baselines
-  bench test my-suite.toml --effect thrust-loss:loss=0.01 -o what-if/
+  bench test hover.toml --record-baselines
+  bench test hover.toml --effect thrust-loss:fraction=0.01 -o what-if/
 
 The folder of the results holds results.json, junit.xml, summary.md, report.html and the
 recordings. A suite that was killed goes on with --resume. Simulated tests use all cores; tests on

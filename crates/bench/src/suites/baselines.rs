@@ -149,6 +149,7 @@ impl Baselines {
                 let derived = repeats::of(planned.nominal.clone(), &planned.mission);
                 let comparison = comparison(plan, planned, &old, &recording, derived)
                     .with_context(|| format!("{} cannot be compared; take it out of {} to record it anew", old.display(), self.folder.display()))?;
+                let comparison = Comparison { kind: bench_suite::Kind::Baseline, with: before.file.clone(), ..comparison };
                 Change::Differs { comparison, replaced: force }
             }
         };

@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::bail;
-use bench_plant::effects::{Effects, parse_effect};
+use bench_plant::effects::{EffectError, Effects, parse_effect};
 use bench_recording::diff::Tolerances;
 use bench_rig::{Actuation, Bench, Mission, Problem, Rig, RigError};
 use bench_suite::{Case, Limit, MissionCriteria, Mode, Side, Suite, Test};
@@ -102,7 +102,10 @@ impl Plan {
         if problems.is_empty() {
             return Ok(());
         }
-        let lines: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        let mut sorted: Vec<&Problem> = problems.iter().collect();
+        // The suite's own first, from top to bottom.
+        sorted.sort_by_key(|problem| (problem.at().file != self.path, &problem.at().file, problem.at().line));
+        let lines: Vec<String> = sorted.iter().map(ToString::to_string).collect();
         bail!(
             "{} in {}; nothing was flown\n{}",
             words::count(problems.len() as u64, "problem"),
@@ -130,6 +133,12 @@ impl Plan {
 fn beside(suite: &Path, name: &str) -> PathBuf {
     let folder = if library::is_embedded(suite) { None } else { suite.parent() };
     folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
+}
+
+/// What is wrong with an effect. Its place is that of the suite's key, not that of a flag.
+fn of_effect(error: &EffectError) -> String {
+    let words = error.to_string();
+    words.strip_prefix("--effect:1: ").unwrap_or(&words).to_owned()
 }
 
 struct Resolver<'a> {
@@ -173,7 +182,7 @@ impl Resolver<'_> {
                     Err(error) => {
                         is_sound = false;
                         if is_first {
-                            self.problems.push(case.problem(self.path, "effects", error.to_string()));
+                            self.problems.push(case.problem(self.path, "effects", of_effect(&error)));
                         }
                     }
                 }
@@ -182,7 +191,7 @@ impl Resolver<'_> {
                 && is_sound
                 && is_first
             {
-                self.problems.push(case.problem(self.path, "effects", error.to_string()));
+                self.problems.push(case.problem(self.path, "effects", of_effect(&error)));
             }
             planned.push(Planned { test, nominal, rig, mission, rig_path, mission_path });
         }
