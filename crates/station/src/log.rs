@@ -434,3 +434,34 @@ fn run(row: &Row<'_>) -> rusqlite::Result<Run> {
         bench_version: row.get(16)?,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_file_system_is_an_error_and_costs_nothing_that_was_entered() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut log = Log::open(folder.path()).unwrap();
+        let entry = Entry { suite: "x".repeat(2000), ..Entry::default() };
+        log.begin(&entry).unwrap();
+        // SQLite answers a full file system and a full quota of pages alike.
+        let pages: i64 = log.connection.pragma_query_value(None, "page_count", |row| row.get(0)).unwrap();
+        log.connection.pragma_update(None, "max_page_count", pages).unwrap();
+        let mut entered = 1;
+        let error = loop {
+            match log.begin(&entry) {
+                Ok(_) => entered += 1,
+                Err(error) => break error,
+            }
+            assert!(entered < 1000, "it never was full");
+        };
+        assert!(error.to_string().contains("full"), "{error}");
+        assert_eq!(log.count(&Filter::default()).unwrap(), entered);
+        // With room again it goes on.
+        log.connection.pragma_update(None, "max_page_count", 1_000_000).unwrap();
+        let begun = log.begin(&entry).unwrap();
+        log.finish(begun.id, &Finished::default()).unwrap();
+        assert_eq!(log.count(&Filter::default()).unwrap(), entered + 1);
+    }
+}

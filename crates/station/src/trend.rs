@@ -100,7 +100,8 @@ mod tests {
         let drift = Drift::of(&line).unwrap();
         assert!((drift.per_week - 0.5).abs() < 1e-12 && drift.is_sure(), "{drift:?}");
         // Residuals of +1 and -1 by turns: Student's quantile for eight degrees of freedom is 2.306.
-        let noisy: Vec<_> = line.iter().enumerate().map(|(i, (t, _))| (*t, if i % 2 == 0 { 1.0 } else { -1.0 })).collect();
+        let noisy: Vec<_> =
+            line.iter().enumerate().map(|(i, (t, _))| (*t, if i % 2 == 0 { 1.0 } else { -1.0 })).collect();
         let drift = Drift::of(&noisy).unwrap();
         let half = (drift.interval[1] - drift.interval[0]) / 2.0;
         let spread: f64 = (0..10).map(|i| (f64::from(i) - 4.5_f64).powi(2)).sum();

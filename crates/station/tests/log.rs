@@ -104,7 +104,10 @@ fn a_trend_is_told_week_by_week() {
     let trend = log.trend("peak", &Filter::default()).unwrap();
     assert_eq!(trend.weeks.len(), 5);
     let first = &trend.weeks[0];
-    assert_eq!((first.week.as_str(), first.runs, first.min, first.median, first.max), ("2026-W48", 3, 0.0, 0.01, 0.02));
+    assert_eq!(
+        (first.week.as_str(), first.runs, first.min, first.median, first.max),
+        ("2026-W48", 3, 0.0, 0.01, 0.02)
+    );
     // Weeks of ISO 8601: the last days of the year are in week 53.
     assert_eq!(trend.weeks[4].week, "2026-W52");
     let drift = trend.drift.unwrap();

@@ -13,9 +13,9 @@ use bench_rig::{
 use crate::{
     FieldLimit, Limit, MEASURES, Mode, Side, Statistic,
     keys::{
-        ASK, BASELINES, CASE, COMPARE, DESCRIPTION, EFFECTS, EQUALS, FIELD, FIRST_SEED, LIMIT, LIMITS, MAX, MIN,
-        MISSION, MISSION_CRITERIA, MODE, NAME, PHASE, PORT, REPEATS, REPEATS_MAX, REQUIREMENTS, RIG, SEED_COUNT,
-        SEED_MAX, SEEDS, SEEDS_MAX, SPREAD_MAX, STATISTIC, TAGS, TOLERANCES, UNIT,
+        ASK, BASELINES, CASE, COMPARE, DESCRIPTION, EFFECTS, EQUALS, FIELD, FIRST_SEED, LIMIT, LIMITS, MAX,
+        MIN, MISSION, MISSION_CRITERIA, MODE, NAME, PHASE, PORT, REPEATS, REPEATS_MAX, REQUIREMENTS, RIG,
+        SEED_COUNT, SEED_MAX, SEEDS, SEEDS_MAX, SPREAD_MAX, STATISTIC, TAGS, TOLERANCES, UNIT,
     },
     limit::fields,
 };
@@ -136,7 +136,10 @@ impl Suite {
                 if !case.name.is_empty() && !names.insert(case.name.clone()) {
                     reader.contradiction(
                         NAME,
-                        format!("another case is called {:?}; results are told by names, so each needs its own", case.name),
+                        format!(
+                            "another case is called {:?}; results are told by names, so each needs its own",
+                            case.name
+                        ),
                     );
                 }
             });
@@ -206,7 +209,8 @@ impl Case {
         self.read_compare(reader);
         self.tolerances = maybe_text(reader, TOLERANCES);
         if self.tolerances.is_some() && self.compare == Compare::default() {
-            reader.contradiction(TOLERANCES, format!("nothing is compared; add `{COMPARE}`, or leave it out"));
+            reader
+                .contradiction(TOLERANCES, format!("nothing is compared; add `{COMPARE}`, or leave it out"));
         }
         if let Some(node) = reader.get(LIMITS) {
             reader.within(LIMITS, node, |reader| self.read_limits(reader));
@@ -268,7 +272,9 @@ impl Case {
         if self.compare.back_to_back && !two {
             reader.contradiction(
                 COMPARE,
-                format!("back-to-back compares two: list two in `{MODE}`, or one there and two in `{EFFECTS}`"),
+                format!(
+                    "back-to-back compares two: list two in `{MODE}`, or one there and two in `{EFFECTS}`"
+                ),
             );
         }
     }
@@ -465,16 +471,7 @@ fn field_limit(reader: &mut Reader<'_, '_>) -> Option<FieldLimit> {
         reader.contradiction(EQUALS, detail.to_owned());
     }
     check_unit(reader, &path, statistic, field.unit, unit.as_deref());
-    Some(FieldLimit {
-        path,
-        channel,
-        index,
-        statistic,
-        phase,
-        equals,
-        sides,
-        unit: unit.unwrap_or_default(),
-    })
+    Some(FieldLimit { path, channel, index, statistic, phase, equals, sides, unit: unit.unwrap_or_default() })
 }
 
 /// Units that the sticks may be in, as rigs say it.
@@ -492,9 +489,10 @@ fn check_unit(
     let problem = match (wanted, given) {
         ("" | "1", None) => None,
         ("" | "1", Some("1")) => None,
-        ("" | "1", Some(given)) => {
-            Some(format!("the {} of {path} has no unit, and {given:?} is given; leave it out", statistic.name()))
-        }
+        ("" | "1", Some(given)) => Some(format!(
+            "the {} of {path} has no unit, and {given:?} is given; leave it out",
+            statistic.name()
+        )),
         (bench_recording::Field::ACTUATION, Some(given)) if STICK_UNITS.contains(&given) => None,
         (bench_recording::Field::ACTUATION, _) => Some(format!(
             "{path} is in the unit of the rig's sticks; say which: {}",

@@ -1,17 +1,18 @@
 //! A recorded flight held against limits.
 
-use bench_recording::{Channel, Flight, Record, Value};
-use bench_rig::Criteria;
+use bench_recording::{Channel, Command, Flight, Record, Value};
+use bench_rig::{Criteria, Phase};
 use bench_run::Summary;
-use bench_statistics::{Sorted, mean, root_mean_square};
+use bench_statistics::{Sorted, mean, median, root_mean_square};
 
 use crate::{Check, FieldLimit, Limit, MEASURES, Measure, MissionCriteria, Side, Statistic};
 
 /// What a flight came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Judged {
-    /// Every figure that the flight defines, by its measure's name.
-    pub figures: Vec<(&'static str, f64)>,
+    /// Every figure that the flight defines: each measure by its name, [`HOVER_THROTTLE`], and the statistic of each field that the case
+    /// limits, by what it is about with its unit behind a comma.
+    pub figures: Vec<(String, f64)>,
     /// Every limit, those of the mission first.
     pub checks: Vec<Check>,
     /// The values of which repeats may have a spread, in the order of the case's limits: `None` where the flight has none.
@@ -21,10 +22,13 @@ pub struct Judged {
 /// Holds a flight against the limits of a case and the criteria of its mission.
 pub fn judge(flight: &Flight, limits: &[Limit], own: MissionCriteria, criteria: &Criteria) -> Judged {
     let summary = Summary::of_flight(flight, criteria.settle_band_m);
-    let figures = MEASURES
+    let mut figures: Vec<(String, f64)> = MEASURES
         .iter()
-        .filter_map(|measure| Some((measure.name, (measure.of)(&summary).filter(|value| value.is_finite())?)))
+        .filter_map(|measure| {
+            Some((measure.name.to_owned(), (measure.of)(&summary).filter(|value| value.is_finite())?))
+        })
         .collect();
+    figures.extend(hover_throttle(flight).map(|throttle| (HOVER_THROTTLE.to_owned(), throttle)));
     let mut checks = Vec::new();
     if own == MissionCriteria::Count {
         for check in bench_run::check(criteria, &summary) {
@@ -53,6 +57,8 @@ pub fn judge(flight: &Flight, limits: &[Limit], own: MissionCriteria, criteria: 
             }
             Limit::Field(limit) => {
                 let value = statistic(flight, limit);
+                let unit = if limit.unit.is_empty() { String::new() } else { format!(", {}", limit.unit) };
+                figures.extend(value.map(|value| (limit.about() + &unit, value)));
                 for (side, number) in &limit.sides {
                     if *side == Side::Spread {
                         spread.push(value);
@@ -64,6 +70,17 @@ pub fn judge(flight: &Flight, limits: &[Limit], own: MissionCriteria, criteria: 
         }
     }
     Judged { figures, checks, spread }
+}
+
+/// The name of the median throttle over the mission's holds, in the unit of the rig's sticks: what it takes to hover tells of battery,
+/// weight and rotors.
+pub const HOVER_THROTTLE: &str = "hover_throttle";
+
+fn hover_throttle(flight: &Flight) -> Option<f64> {
+    let holds: Vec<_> = flight.phases().into_iter().filter(|span| span.phase == Phase::Hold).collect();
+    let within = |command: &&Command| holds.iter().any(|hold| (hold.from..hold.to).contains(&command.time));
+    let throttle = flight.commands.iter().filter(within).map(|command| command.sticks.throttle);
+    median(throttle.filter(|throttle| throttle.is_finite()))
 }
 
 /// Holds the repeats of a test against the limits on their spread. `repeats[i]` is [`Judged::spread`] of repeat i.
@@ -138,7 +155,7 @@ fn statistic(flight: &Flight, limit: &FieldLimit) -> Option<f64> {
             let mean = mean(numbers.iter().copied())?;
             root_mean_square(numbers.iter().map(|x| x - mean))
         }
-        Statistic::Median => bench_statistics::median(numbers.iter().copied()),
+        Statistic::Median => median(numbers.iter().copied()),
         Statistic::P95 => ranked(0.95),
         Statistic::P99 => ranked(0.99),
         Statistic::First => numbers.first().copied(),

@@ -128,8 +128,6 @@ fn seconds(seconds: f64) -> String {
 
 /// The text without characters that XML cannot hold, not even escaped.
 fn plain(text: &str) -> String {
-    let is_xml = |c: &char| {
-        matches!(c, '\t' | '\n' | '\r' | ' '..='\u{d7ff}' | '\u{e000}'..='\u{fffd}' | '\u{10000}'..)
-    };
+    let is_xml = |c: &char| matches!(c, '\t' | '\n' | '\r' | ' '..='\u{d7ff}' | '\u{e000}'..='\u{fffd}' | '\u{10000}'..);
     text.chars().filter(is_xml).collect()
 }

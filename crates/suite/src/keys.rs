@@ -102,7 +102,7 @@ fn case_forms() -> Vec<Form> {
         .or_text("none"),
         Key::optional(
             SEEDS,
-            "Seeds of everything random: a list, or a table with the first and how many.",
+            "Seeds of everything random: a list, or a table with the first and how many; absent, it is the seed 0.",
             Kind::AnyOf(vec![Kind::List(Box::new(seed), 1, None), Kind::Table(range)]),
         ),
         Key::optional(
@@ -121,7 +121,7 @@ fn case_forms() -> Vec<Form> {
         .or_text("count"),
         Key::optional(
             COMPARE,
-            "What recordings are held against: the stored baseline of the test, or the same test in the other mode or with the other effects.",
+            "What recordings are held against: the stored baseline of the test, or the same test in the other mode or with the other effects. Back-to-back with two rigs and two modes, the first rig belongs to the first mode.",
             choices(&["baseline", "back-to-back"]),
         ),
         Key::optional(
@@ -151,14 +151,22 @@ fn limit_forms() -> Vec<Form> {
     let number = || Kind::Number(Range::ANY);
     let statistics = Statistic::CHOICES.map(|(name, _)| name.to_owned()).to_vec();
     Form::only(vec![
-        Key::required(FIELD, "Topic and field of the recording, such as /tracker/position/position_m.z.", Kind::Text),
+        Key::required(
+            FIELD,
+            "Topic and field of the recording, such as /tracker/position/position_m.z.",
+            Kind::Text,
+        ),
         Key::required(STATISTIC, "What is made of the field's samples.", Kind::Choice(statistics)),
         Key::optional(
             PHASE,
             "Only samples of this phase; absent, all samples count.",
             Kind::Choice(Phase::ALL.map(|phase| phase.name().to_owned()).to_vec()),
         ),
-        Key::optional(EQUALS, "With `share` alone: the value whose share of the samples is meant.", Kind::Text),
+        Key::optional(
+            EQUALS,
+            "With `share` alone: the value whose share of the samples is meant.",
+            Kind::Text,
+        ),
         Key::optional(
             UNIT,
             "Unit of the limits, which must be the field's; absent, the field or the statistic has none.",

@@ -12,8 +12,8 @@
 
 mod file;
 mod journal;
-pub mod junit;
 mod judge;
+pub mod junit;
 mod keys;
 mod limit;
 pub mod markdown;
@@ -24,7 +24,7 @@ pub mod words;
 
 pub use file::{Case, Compare, MissionCriteria, Suite};
 pub use journal::{Journal, JournalError, Kept};
-pub use judge::{Judged, judge, spread};
+pub use judge::{HOVER_THROTTLE, Judged, judge, spread};
 pub use keys::suite_keys;
 pub use limit::{FieldLimit, Limit, MEASURES, Measure, Side, Statistic};
 pub use report::{

@@ -39,9 +39,12 @@ pub const MEASURES: [Measure; 14] = [
     measure("lateness_p99", "s", "start of an iteration after its schedule, 99 of 100 of them", |s| {
         Some(s.timing.lateness_s.p99)
     }),
-    measure("round_trip_p50", "s", "time from handing the outputs over to having them read back, median", |s| {
-        Some(s.timing.round_trip_s.p50)
-    }),
+    measure(
+        "round_trip_p50",
+        "s",
+        "time from handing the outputs over to having them read back, median",
+        |s| Some(s.timing.round_trip_s.p50),
+    ),
     measure("round_trip_p99", "s", "the same time, 99 of 100 of them", |s| Some(s.timing.round_trip_s.p99)),
 ];
 
@@ -227,11 +230,9 @@ impl FieldLimit {
 /// Every field of a recording by its path.
 pub(crate) fn fields() -> impl Iterator<Item = (String, Channel, usize, Field)> {
     Channel::ALL.into_iter().flat_map(|channel| {
-        channel
-            .fields()
-            .iter()
-            .enumerate()
-            .map(move |(index, field)| (format!("{}/{}", channel.topic(), field.name), channel, index, *field))
+        channel.fields().iter().enumerate().map(move |(index, field)| {
+            (format!("{}/{}", channel.topic(), field.name), channel, index, *field)
+        })
     })
 }
 

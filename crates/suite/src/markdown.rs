@@ -37,7 +37,7 @@ pub fn markdown(report: &Report) -> String {
         out.push('\n');
     }
     for diagnosed in &report.diagnoses {
-        let _ = writeln!(out, "**Diagnosis** of {}: {}\n", cell(&diagnosed.tests.join(", ")), cell(&diagnosed.words));
+        let _ = writeln!(out, "**Diagnosis** of {}: {}\n", cell(&diagnosed.of()), cell(&diagnosed.words));
     }
     if !passed.is_empty() {
         let _ = writeln!(out, "<details><summary>{} passed</summary>\n", passed.len());

@@ -18,10 +18,11 @@ pub fn verdict(report: &Report) -> Verdict {
         (counts.flaky, "flaky"),
         (counts.not_run, "not run"),
     ];
-    let figures = figures
-        .into_iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, of)| Tile { value: count.to_string(), of: of.to_owned(), beside: String::new() });
+    let figures = figures.into_iter().filter(|(count, _)| *count > 0).map(|(count, of)| Tile {
+        value: count.to_string(),
+        of: of.to_owned(),
+        beside: String::new(),
+    });
     let mut particulars = vec![
         ("suite", report.suite.clone()),
         ("bench", report.bench_version.clone()),
@@ -63,7 +64,7 @@ pub fn sections(report: &Report) -> Vec<Section> {
         let body = html! {
             @for diagnosed in &report.diagnoses {
                 div.block {
-                    h4 { (diagnosed.tests.join(", ")) }
+                    h4 { (diagnosed.of()) }
                     p { (diagnosed.words) }
                 }
             }
@@ -90,7 +91,8 @@ pub fn sections(report: &Report) -> Vec<Section> {
 fn all(report: &Report) -> Markup {
     let rows = report.tests.iter().map(|test| {
         let figure = |name: &str, scale: f64| {
-            let values: Vec<f64> = test.runs.iter().filter_map(|run| run.figures.get(name)).copied().collect();
+            let values: Vec<f64> =
+                test.runs.iter().filter_map(|run| run.figures.get(name)).copied().collect();
             let worst = values.into_iter().reduce(f64::max);
             cell(worst.map_or_else(|| "-".to_owned(), |value| bench_page::digits(value * scale)))
         };
@@ -146,7 +148,7 @@ fn flight(run: &Run) -> Markup {
         (checks(&run.checks))
         @for comparison in &run.comparisons { (compared(comparison)) }
         p.soft {
-            @for (name, value) in &run.figures {
+            @for (name, value) in run.figures.iter().filter(|(name, _)| !name.contains(' ')) {
                 @let unit = Measure::named(name).map_or("", |measure| measure.unit);
                 (name) " " (bench_page::digits(*value)) " " (unit) "; "
             }

@@ -344,10 +344,21 @@ pub struct Diagnosed {
     pub tests: Vec<String>,
     /// Effects, `none`, `unknown` or `inconclusive`; null where the flights could not be diagnosed.
     pub verdict: Option<String>,
-    /// Probability of what leads, 0 to 1.
-    pub probability: Option<f64>,
+    /// What is most probable, told or not: name and probability from 0 to 1, three at most.
+    pub leading: Vec<(String, f64)>,
     /// The verdict in a sentence, or why there is none.
     pub words: String,
+}
+
+impl Diagnosed {
+    /// Which tests it is of, short.
+    pub fn of(&self) -> String {
+        match self.tests.as_slice() {
+            [] => String::new(),
+            [test] => test.clone(),
+            [first, others @ ..] => format!("{first} and {} more", others.len()),
+        }
+    }
 }
 
 impl Tested {
@@ -376,7 +387,8 @@ impl Tested {
     pub fn settle(&mut self, suite: &Suite, repeats: u32) {
         let outcomes = || self.runs.iter().map(|run| run.outcome);
         self.counts = Counts { not_run: repeats as usize - self.runs.len(), ..Counts::of(outcomes()) };
-        let limits = suite.cases.iter().find(|case| case.name == self.case).map_or(&[][..], |case| &case.limits);
+        let limits =
+            suite.cases.iter().find(|case| case.name == self.case).map_or(&[][..], |case| &case.limits);
         let judged: Vec<_> =
             self.runs.iter().filter(|run| run.reason.is_none()).map(|run| run.spread.clone()).collect();
         self.spread = if self.counts.not_run == 0 { crate::spread(limits, &judged) } else { Vec::new() };

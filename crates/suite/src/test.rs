@@ -97,18 +97,18 @@ impl Suite {
 }
 
 impl Case {
-    /// How many tests it has.
-    pub fn count(&self) -> usize {
-        [self.rigs.len(), self.missions.len(), self.modes.len(), self.effects.len(), self.seeds.len()]
-            .iter()
-            .product()
+    /// Whether its two rigs belong to its two modes: the first to the first, the second to the second. A loopback bench and a real
+    /// airframe are two rigs, and are compared all the same.
+    pub fn pairs_rigs_with_modes(&self) -> bool {
+        self.compare.back_to_back && self.rigs.len() == 2 && self.modes.len() == 2
     }
 
     fn tests(&self, index: usize) -> Vec<Test> {
-        let mut tests = Vec::with_capacity(self.count());
-        for rig in &self.rigs {
+        let mut tests = Vec::new();
+        let belongs = |rig: usize, mode: usize| rig == mode || !self.pairs_rigs_with_modes();
+        for (rig_index, rig) in self.rigs.iter().enumerate() {
             for mission in &self.missions {
-                for mode in &self.modes {
+                for (_, mode) in self.modes.iter().enumerate().filter(|(mode, _)| belongs(rig_index, *mode)) {
                     for effects in &self.effects {
                         for seed in &self.seeds {
                             tests.push(Test {
@@ -137,7 +137,8 @@ impl Case {
                 id.push_str(part);
             }
         };
-        add(self.rigs.len(), rig);
+        // Where each mode has its rig, the mode says all.
+        add(if self.pairs_rigs_with_modes() { 1 } else { self.rigs.len() }, rig);
         add(self.missions.len(), mission);
         add(self.modes.len(), mode.name());
         let effects = if effects.is_empty() { "none".to_owned() } else { effects.join("+") };

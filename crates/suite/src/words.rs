@@ -46,7 +46,9 @@ fn word(check: &Check) -> &'static str {
 
 /// The figures of a flight in one line.
 fn figures(run: &Run) -> String {
-    let told = run.figures.iter().map(|(name, value)| {
+    // What is limited stands among the limits.
+    let own = run.figures.iter().filter(|(name, _)| !name.contains(' '));
+    let told = own.map(|(name, value)| {
         let unit = Measure::named(name).map_or("", |measure| measure.unit);
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         format!("{name} {}{unit}", bench_page::digits(*value))

@@ -82,6 +82,16 @@ fn a_case_has_a_test_for_each_combination_with_a_name_and_a_file_of_its_own() {
 }
 
 #[test]
+fn two_rigs_and_two_modes_that_are_compared_belong_together() {
+    let text = "[[case]]\nname = \"a\"\nrig = [\"loopback\", \"transmitter\"]\nmission = \"hop\"\n\
+                mode = [\"loopback\", \"transmitter\"]\n";
+    assert_eq!(suite(text).unwrap().tests().len(), 4);
+    let tests = suite(&format!("{text}compare = \"back-to-back\"\n")).unwrap().tests();
+    let told: Vec<_> = tests.iter().map(|test| (&*test.id, &*test.rig)).collect();
+    assert_eq!(told, [("a/loopback", "loopback"), ("a/transmitter", "transmitter")]);
+}
+
+#[test]
 fn what_does_not_fit_together_is_told_where_it_stands() {
     let cases = [
         ("seeds = [1, 1]", 7, "case.seeds", "listed twice"),
@@ -103,10 +113,16 @@ fn what_does_not_fit_together_is_told_where_it_stands() {
         ("field = \"/tracker/position/status\"\nstatistic = \"max\"\nmax = 1", "names"),
         ("field = \"/tracker/position/status\"\nstatistic = \"share\"\nmin = 1", "with this value"),
         ("field = \"/loop/tick/overrun\"\nstatistic = \"count\"\nunit = \"s\"\nmax = 1", "no unit"),
-        ("field = \"/control/command/sticks.throttle\"\nstatistic = \"max\"\nunit = \"m\"\nmax = 1", "say which"),
+        (
+            "field = \"/control/command/sticks.throttle\"\nstatistic = \"max\"\nunit = \"m\"\nmax = 1",
+            "say which",
+        ),
         ("field = \"/plant/truth/position_m.z\"\nstatistic = \"max\"\nunit = \"cm\"\nmax = 1", "not in cm"),
         ("field = \"/plant/truth/position_m.z\"\nstatistic = \"max\"\nunit = \"m\"", "no limit"),
-        ("field = \"/plant/truth/height\"\nstatistic = \"max\"\nunit = \"m\"\nmax = 1", "/plant/truth/position_m.z"),
+        (
+            "field = \"/plant/truth/height\"\nstatistic = \"max\"\nunit = \"m\"\nmax = 1",
+            "/plant/truth/position_m.z",
+        ),
     ];
     for (limit, what) in limits {
         let problems = problems(&format!("{CASE}[[case.limit]]\n{limit}\n"));

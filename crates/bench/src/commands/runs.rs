@@ -94,7 +94,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     if arguments.json.json {
         let runs = runs.iter().map(|run| as_json(&log, run)).collect::<anyhow::Result<Vec<_>>>()?;
-        words::print_json(&json!({ "schema": "bench.runs/1", "station": station, "count": all, "runs": runs }))?;
+        words::print_json(
+            &json!({ "schema": "bench.runs/1", "station": station, "count": all, "runs": runs }),
+        )?;
     } else {
         words::print(&in_words(station, &runs, all))?;
     }
@@ -105,13 +107,18 @@ fn filter(arguments: &Arguments, log: &Log) -> anyhow::Result<Filter> {
     let instant = |flag: &str, text: &Option<String>| -> anyhow::Result<Option<f64>> {
         let Some(text) = text else { return Ok(None) };
         let instant = log.instant(text)?;
-        let expected = || format!("{flag} {text}: expected a day, such as 2026-11-25, or an instant, such as 2026-11-25T14:00");
+        let expected = || {
+            format!(
+                "{flag} {text}: expected a day, such as 2026-11-25, or an instant, such as 2026-11-25T14:00"
+            )
+        };
         Ok(Some(instant.with_context(expected)?))
     };
     let mut meta = Vec::new();
     for text in &arguments.meta {
-        let (key, value) =
-            text.split_once('=').with_context(|| format!("--meta {text}: expected KEY=VALUE, such as operator=Ada"))?;
+        let (key, value) = text
+            .split_once('=')
+            .with_context(|| format!("--meta {text}: expected KEY=VALUE, such as operator=Ada"))?;
         meta.push((key.to_owned(), value.to_owned()));
     }
     Ok(Filter {
@@ -149,7 +156,12 @@ fn in_words(station: &Path, runs: &[Run], all: u64) -> String {
     let _ = match (shown, all) {
         (_, 0) => writeln!(out, "no run in {} is as asked", station.display()),
         (shown, all) if shown < all => {
-            writeln!(out, "{} of {}; --all shows all of them", words::grouped(shown), words::count(all, "run"))
+            writeln!(
+                out,
+                "{} of {}; --all shows all of them",
+                words::grouped(shown),
+                words::count(all, "run")
+            )
         }
         (_, all) => writeln!(out, "{}", words::count(all, "run")),
     };
@@ -193,10 +205,27 @@ fn csv(log: &Log, runs: &[Run]) -> anyhow::Result<String> {
     names.sort();
     names.dedup();
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let head = ["run", "started_utc", "took_s", "suite", "test", "rig", "mission", "mode", "effects", "seed", "repeat", "outcome"];
-    let head = head.iter().map(|name| (*name).to_owned()).chain(["reason", "recording", "sha256", "bench_version"].map(str::to_owned));
+    let head = [
+        "run",
+        "started_utc",
+        "took_s",
+        "suite",
+        "test",
+        "rig",
+        "mission",
+        "mode",
+        "effects",
+        "seed",
+        "repeat",
+        "outcome",
+    ];
+    let head = head
+        .iter()
+        .map(|name| (*name).to_owned())
+        .chain(["reason", "recording", "sha256", "bench_version"].map(str::to_owned));
     writer.write_record(
-        head.chain(keys.iter().map(|key| format!("meta_{key}"))).chain(names.iter().map(|name| with_unit(name))),
+        head.chain(keys.iter().map(|key| format!("meta_{key}")))
+            .chain(names.iter().map(|name| with_unit(name))),
     )?;
     for (run, (meta, figures)) in runs.iter().zip(&known) {
         let row = [
@@ -282,7 +311,11 @@ fn trend_in_words(figure: &str, trend: &Trend) -> String {
         Some(drift) => {
             let [low, high] = drift.interval.map(short);
             let verdict = if drift.is_sure() { "it drifts" } else { "no drift beyond what runs scatter" };
-            writeln!(out, "{} {unit} a week, between {low} and {high} with 95 %: {verdict}", short(drift.per_week))
+            writeln!(
+                out,
+                "{} {unit} a week, between {low} and {high} with 95 %: {verdict}",
+                short(drift.per_week)
+            )
         }
     };
     out

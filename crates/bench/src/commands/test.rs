@@ -11,7 +11,9 @@ use std::{
 };
 
 use anyhow::bail;
-use bench_suite::{Comparison, Counts, Journal, Kept, Kind, Mode, Outcome, Report, Run, Tested, Times, page::tone};
+use bench_suite::{
+    Comparison, Counts, Journal, Kept, Kind, Mode, Outcome, Report, Run, Tested, Times, page::tone,
+};
 use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 
@@ -20,7 +22,9 @@ use crate::{
     exit::Exit,
     progress::{self, Progress},
     signals,
-    suites::{Baselines, Change, Flying, Folder, PAGE, Plan, Planned, Selected, Station, compare_back_to_back},
+    suites::{
+        Baselines, Change, Flying, Folder, PAGE, Plan, Planned, Selected, Station, compare_back_to_back,
+    },
     words,
 };
 
@@ -122,7 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     // What is only listed needs no port.
     let port = arguments.port.as_deref().or(arguments.list.then_some(""));
-    let (plan, mut problems) = Plan::read(&arguments.suite, &selected, port, &arguments.effects)?;
+    let (mut plan, mut problems) = Plan::read(&arguments.suite, &selected, port, &arguments.effects)?;
     if arguments.list {
         plan.refuse(&problems)?;
         return list(&plan);
@@ -132,6 +136,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         problems.extend(baselines.check(&plan));
     }
     plan.refuse(&problems)?;
+    if arguments.record_baselines {
+        plan.keep_those_with_baselines();
+    }
     let name = plan.path.file_stem().unwrap_or_default();
     let folder = arguments.output.clone().unwrap_or_else(|| Path::new("test-results").join(name));
     let folder = Folder::open(&folder, arguments.force.force, arguments.resume)?;
@@ -152,7 +159,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let began = Instant::now();
     let started_unix_s = crate::suites::unix_s();
     let against = (!arguments.record_baselines).then_some(&baselines);
-    let flown = fly_all(&plan, &flying, against, journal, kept)?;
+    let flown = match fly_all(&plan, &flying, against, journal, kept) {
+        Ok(flown) => flown,
+        Err(error) => {
+            words::fail(words::causes(&error));
+            words::warn(format_args!(
+                "the flights until then are kept in {}; go on with --resume",
+                folder.path().display()
+            ));
+            return Ok(Exit::DataLoss);
+        }
+    };
     let mut report = report(&plan, meta, flown);
     if arguments.record_baselines {
         return record(&plan, &flying, &mut baselines, &report, arguments.force.force);
@@ -161,7 +178,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         words::warn(remark);
     }
     for id in baselines.unused(&plan) {
-        words::warn(format_args!("the baseline {id} in {} belongs to no test any more", baselines.folder().display()));
+        words::warn(format_args!(
+            "the baseline {id} in {} belongs to no test any more",
+            baselines.folder().display()
+        ));
     }
     report.times = Times { started_unix_s, took_s: began.elapsed().as_secs_f64() };
     report.settle();
@@ -256,11 +276,18 @@ fn fly_all(
         .tests
         .iter()
         .enumerate()
-        .flat_map(|(index, planned)| (0..plan.suite.cases[planned.test.case].repeats).map(move |repeat| (index, repeat)))
-        .filter(|due| !flown.contains_key(due))
+        .flat_map(|(index, planned)| {
+            (0..plan.suite.cases[planned.test.case].repeats).map(move |repeat| (index, repeat))
+        })
+        // A baseline is the first flight of its test.
+        .filter(|due| !flown.contains_key(due) && (baselines.is_some() || due.1 == 0))
         .collect();
     if !flown.is_empty() {
-        progress::note(&format!("{} flown before; {} to go", words::count(flown.len() as u64, "flight"), due.len()));
+        progress::note(&format!(
+            "{} flown before; {} to go",
+            words::count(flown.len() as u64, "flight"),
+            due.len()
+        ));
     }
     warm(plan, baselines);
     let progress = Progress::of("test");
@@ -305,7 +332,13 @@ fn warm(plan: &Plan, baselines: Option<&Baselines>) {
     }
 }
 
-fn hold_against_baseline(plan: &Plan, flying: &Flying<'_>, baselines: &Baselines, planned: &Planned, run: &mut Run) {
+fn hold_against_baseline(
+    plan: &Plan,
+    flying: &Flying<'_>,
+    baselines: &Baselines,
+    planned: &Planned,
+    run: &mut Run,
+) {
     let Some(attached) = &run.recording else { return };
     let made = baselines.compare(plan, planned, &flying.recording(attached));
     run.comparisons.push(made.unwrap_or_else(|error| Comparison {
@@ -321,7 +354,8 @@ fn hold_against_baseline(plan: &Plan, flying: &Flying<'_>, baselines: &Baselines
 fn report(plan: &Plan, meta: BTreeMap<String, String>, mut flown: BTreeMap<Due, Run>) -> Report {
     let tests = plan.tests.iter().enumerate().map(|(index, planned)| {
         let repeats = plan.suite.cases[planned.test.case].repeats;
-        let mut tested = Tested::new(&plan.suite, &planned.test, &planned.nominal.name, &planned.mission.name);
+        let mut tested =
+            Tested::new(&plan.suite, &planned.test, &planned.nominal.name, &planned.mission.name);
         tested.effects = planned.added();
         tested.runs = (0..repeats).filter_map(|repeat| flown.remove(&(index, repeat))).collect();
         tested.settle(&plan.suite, repeats);
@@ -376,11 +410,17 @@ fn record(
         }
     }
     if out.is_empty() {
-        bail!("no case of {} has `compare = \"baseline\"`, so there is nothing to record", plan.path.display());
+        bail!(
+            "no case of {} has `compare = \"baseline\"`, so there is nothing to record",
+            plan.path.display()
+        );
     }
     words::print(&out)?;
     if left > 0 {
-        words::warn(format_args!("{} not replaced; look at what changed, and replace with --force", words::count(left, "baseline")));
+        words::warn(format_args!(
+            "{} not replaced; look at what changed, and replace with --force",
+            words::count(left, "baseline")
+        ));
         exit = Exit::CheckFailed;
     }
     progress::note(&format!("baselines are in {}", baselines.folder().display()));
@@ -390,7 +430,8 @@ fn record(
 fn in_words(report: &Report) -> String {
     let mut out = String::new();
     let word = |outcome: Outcome| {
-        let word = if outcome == Outcome::Passed { "passed".to_owned() } else { outcome.name().to_uppercase() };
+        let word =
+            if outcome == Outcome::Passed { "passed".to_owned() } else { outcome.name().to_uppercase() };
         words::toned(tone(outcome), &format!("{word:<7}"))
     };
     for test in &report.tests {
@@ -403,7 +444,7 @@ fn in_words(report: &Report) -> String {
         }
     }
     for diagnosed in &report.diagnoses {
-        let _ = writeln!(out, "diagnosis of {}: {}", diagnosed.tests.join(", "), diagnosed.words);
+        let _ = writeln!(out, "diagnosis of {}: {}", diagnosed.of(), diagnosed.words);
     }
     let _ = writeln!(out, "{}", words::toned(tone(report.outcome), &report.headline()));
     out

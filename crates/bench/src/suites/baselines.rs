@@ -66,7 +66,11 @@ impl Baselines {
             (None, None) => {
                 let stem = plan.path.file_stem().unwrap_or_default().to_string_lossy();
                 let name = format!("{stem}.baselines");
-                if library::is_embedded(&plan.path) { PathBuf::from(name) } else { plan.path.with_file_name(name) }
+                if library::is_embedded(&plan.path) {
+                    PathBuf::from(name)
+                } else {
+                    plan.path.with_file_name(name)
+                }
             }
         };
         let list = folder.join(INDEX);
@@ -74,8 +78,9 @@ impl Baselines {
             return Ok(Self { folder, index: BTreeMap::new() });
         }
         let text = files::read(&list)?;
-        let index: Index = serde_json::from_str(&text)
-            .with_context(|| format!("{} is no list of baselines; record them again with --record-baselines", list.display()))?;
+        let index: Index = serde_json::from_str(&text).with_context(|| {
+            format!("{} is no list of baselines; record them again with --record-baselines", list.display())
+        })?;
         if index.schema != FORM {
             bail!("{} has the form {:?}, and {FORM} is known here", list.display(), index.schema);
         }
@@ -110,7 +115,10 @@ impl Baselines {
             Err(error) => return Some(format!("the baseline {} cannot be read: {error}", path.display())),
         };
         if sha256(&bytes) != baseline.sha256 {
-            return Some(format!("the baseline {} is not the one that was recorded: its SHA-256 is another", path.display()));
+            return Some(format!(
+                "the baseline {} is not the one that was recorded: its SHA-256 is another",
+                path.display()
+            ));
         }
         if sha256(planned.nominal.to_toml()) != baseline.rig_sha256 {
             let told = differing(&path, &planned.nominal);
@@ -130,14 +138,25 @@ impl Baselines {
 
     /// A recording against the baseline of its test.
     pub fn compare(&self, plan: &Plan, planned: &Planned, recording: &Path) -> anyhow::Result<Comparison> {
-        let file = self.index.get(&planned.test.id).map(|baseline| baseline.file.as_str()).unwrap_or_default();
+        let file =
+            self.index.get(&planned.test.id).map(|baseline| baseline.file.as_str()).unwrap_or_default();
         let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-        comparison(plan, planned, &self.folder.join(file), recording, derived)
-            .map(|found| Comparison { kind: bench_suite::Kind::Baseline, with: file.to_owned(), ..found })
+        comparison(plan, planned, &self.folder.join(file), recording, derived).map(|found| Comparison {
+            kind: bench_suite::Kind::Baseline,
+            with: file.to_owned(),
+            ..found
+        })
     }
 
     /// Takes a flight as the baseline of its test; one that is there and differs is replaced with `force` alone.
-    pub fn record(&mut self, plan: &Plan, flying: &Flying<'_>, planned: &Planned, run: &Run, force: bool) -> anyhow::Result<Change> {
+    pub fn record(
+        &mut self,
+        plan: &Plan,
+        flying: &Flying<'_>,
+        planned: &Planned,
+        run: &Run,
+        force: bool,
+    ) -> anyhow::Result<Change> {
         let Some(attached) = &run.recording else { bail!("{} has no recording", planned.test.id) };
         let recording = flying.recording(attached);
         let before = self.index.get(&planned.test.id);
@@ -147,9 +166,15 @@ impl Baselines {
             Some(before) => {
                 let old = self.folder.join(&before.file);
                 let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-                let comparison = comparison(plan, planned, &old, &recording, derived)
-                    .with_context(|| format!("{} cannot be compared; take it out of {} to record it anew", old.display(), self.folder.display()))?;
-                let comparison = Comparison { kind: bench_suite::Kind::Baseline, with: before.file.clone(), ..comparison };
+                let comparison = comparison(plan, planned, &old, &recording, derived).with_context(|| {
+                    format!(
+                        "{} cannot be compared; take it out of {} to record it anew",
+                        old.display(),
+                        self.folder.display()
+                    )
+                })?;
+                let comparison =
+                    Comparison { kind: bench_suite::Kind::Baseline, with: before.file.clone(), ..comparison };
                 Change::Differs { comparison, replaced: force }
             }
         };
@@ -192,7 +217,11 @@ impl Baselines {
 
     /// Baselines of tests that the whole suite does not have any more.
     pub fn unused<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = &'a str> {
-        let has = |id: &str| plan.tests.iter().any(|planned| planned.test.id == id && wants(&plan.suite.cases[planned.test.case]));
+        let has = |id: &str| {
+            plan.tests
+                .iter()
+                .any(|planned| planned.test.id == id && wants(&plan.suite.cases[planned.test.case]))
+        };
         self.index.keys().map(String::as_str).filter(move |id| !plan.is_part && !has(id))
     }
 }

@@ -5,13 +5,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use anyhow::Context;
 use bench_recording::diff::{Derived, DiffOptions, Verdict, diff};
-use bench_suite::{Comparison, Diagnosed, Difference, Kind, Report};
+use bench_rig::Rig;
+use bench_suite::{Comparison, Diagnosed, Difference, Kind, Mode, Report};
 
 use super::{Flying, Plan, Planned};
 use crate::{
     commands::diagnose::diagnosed,
-    diagnosis::report::Conclusion,
+    diagnosis::{self, report::Conclusion, told},
+    files,
     recorded::NominalRig,
     repeats, words,
 };
@@ -61,7 +64,10 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             continue;
         }
         let Some(first) = plan.tests.iter().position(|other| are_partners(plan, other, planned)) else {
-            remarks.push(format!("{} was not compared: its partner is not among the tests that were chosen", planned.test.id));
+            remarks.push(format!(
+                "{} was not compared: its partner is not among the tests that were chosen",
+                planned.test.id
+            ));
             continue;
         };
         let mut differs = false;
@@ -78,13 +84,14 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
                 }
                 _ => Err("one of the two flights has no recording".to_owned()),
             };
-            let made = made.map(|made| Comparison { with: with.clone(), ..made }).unwrap_or_else(|why| Comparison {
-                kind: Kind::BackToBack,
-                with,
-                passed: false,
-                summary: why,
-                differences: Vec::new(),
-            });
+            let made =
+                made.map(|made| Comparison { with: with.clone(), ..made }).unwrap_or_else(|why| Comparison {
+                    kind: Kind::BackToBack,
+                    with,
+                    passed: false,
+                    summary: why,
+                    differences: Vec::new(),
+                });
             differs |= !made.passed && !made.differences.is_empty();
             let run = &mut report.tests[index].runs[place];
             run.comparisons.push(made);
@@ -104,7 +111,10 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             .map(|attached| flying.recording(attached))
             .collect();
         let ids = tests.iter().map(|index| report.tests[*index].id.clone()).collect();
-        report.diagnoses.push(of_flights(ids, &recordings));
+        // The rig is that of the first, which the others share.
+        let Some(planned) = tests.first().map(|index| &plan.tests[*index]) else { continue };
+        let is_known = planned.test.mode != Mode::Transmitter;
+        report.diagnoses.push(of_flights(ids, &recordings, &planned.nominal, is_known));
     }
     remarks
 }
@@ -121,9 +131,10 @@ fn is_second(plan: &Plan, planned: &Planned) -> bool {
 /// Whether a test is the first of the pair whose second is given.
 fn are_partners(plan: &Plan, first: &Planned, second: &Planned) -> bool {
     let (a, b) = (&first.test, &second.test);
-    let by_mode = plan.suite.cases[b.case].modes.len() == 2;
+    let case = &plan.suite.cases[b.case];
+    let by_mode = case.modes.len() == 2;
     a.case == b.case
-        && a.rig == b.rig
+        && (a.rig == b.rig || case.pairs_rigs_with_modes())
         && a.mission == b.mission
         && a.seed == b.seed
         && (a.effects == b.effects) == by_mode
@@ -131,22 +142,65 @@ fn are_partners(plan: &Plan, first: &Planned, second: &Planned) -> bool {
 }
 
 /// Asks the diagnosis about flights, with the rig that they carry.
-fn of_flights(tests: Vec<String>, recordings: &[PathBuf]) -> Diagnosed {
-    match diagnosed(recordings, &NominalRig { rig: None }) {
-        Ok((report, _)) => {
+fn of_flights(tests: Vec<String>, recordings: &[PathBuf], rig: &Rig, is_known: bool) -> Diagnosed {
+    match asked(recordings, rig, is_known) {
+        Ok(report) => {
             let verdict = match report.verdict {
                 Conclusion::Effect => report.effects.join(" + "),
                 Conclusion::None => "none".to_owned(),
                 Conclusion::Unknown => "unknown".to_owned(),
                 Conclusion::Inconclusive => "inconclusive".to_owned(),
             };
-            Diagnosed { tests, verdict: Some(verdict), probability: Some(report.confidence), words: report.headline() }
+            let candidates = report.diagnosis.candidates.iter().take(LEADING);
+            let leading: Vec<_> = candidates.map(|found| (found.name.clone(), found.probability)).collect();
+            let others: Vec<String> = leading
+                .iter()
+                .skip(1)
+                .map(|(name, probability)| format!("{name} {}", told::percent(*probability)))
+                .collect();
+            let others =
+                if others.is_empty() { String::new() } else { format!("; then {}", others.join(", ")) };
+            Diagnosed { tests, verdict: Some(verdict), leading, words: report.headline() + &others }
         }
         Err(error) => Diagnosed {
             tests,
             verdict: None,
-            probability: None,
+            leading: Vec::new(),
             words: format!("These flights cannot be diagnosed: {}", words::causes(&error)),
         },
+    }
+}
+
+/// How many of the most probable are told.
+const LEADING: usize = 3;
+/// Where both flights have the same virtual airframe, its numbers are those of the rig, and a difference is none of theirs. A
+/// tolerance is left all the same: without one the fits have no scale.
+const KNOWN: f64 = 0.05;
+
+fn asked(recordings: &[PathBuf], rig: &Rig, is_known: bool) -> anyhow::Result<diagnosis::report::Report> {
+    if !is_known {
+        return Ok(diagnosed(recordings, &NominalRig { rig: None })?.0);
+    }
+    let mut table: toml::Value = toml::from_str(&rig.to_toml())?;
+    scale_tolerances(&mut table, KNOWN);
+    let folder = tempfile::tempdir().context("cannot make a folder for the rig of a diagnosis")?;
+    let path = folder.path().join(format!("{}.toml", rig.name));
+    files::write(&path, &toml::to_string(&table)?)?;
+    Ok(diagnosed(recordings, &NominalRig { rig: Some(path) })?.0)
+}
+
+/// Scales every `sigma` that stands beside a `value`.
+fn scale_tolerances(value: &mut toml::Value, factor: f64) {
+    match value {
+        toml::Value::Table(table) => {
+            if table.contains_key("value")
+                && let Some(toml::Value::Float(sigma)) = table.get_mut("sigma")
+            {
+                *sigma *= factor;
+            }
+            table.iter_mut().for_each(|(_, inner)| scale_tolerances(inner, factor));
+        }
+        toml::Value::Array(items) => items.iter_mut().for_each(|inner| scale_tolerances(inner, factor)),
+        _ => {}
     }
 }

@@ -128,7 +128,10 @@ impl Flying<'_> {
         };
         let begun = station.with(|log| log.begin(&entry))?;
         if begun.recording.exists() {
-            bail!("{} exists, although the log gave its name to no run; move it away", begun.recording.display());
+            bail!(
+                "{} exists, although the log gave its name to no run; move it away",
+                begun.recording.display()
+            );
         }
         Ok(Some((begun.id, begun.recording)))
     }
@@ -140,7 +143,8 @@ impl Flying<'_> {
         if planned.test.mode.is_hardware() && path.exists() {
             let aside = (1..).map(|number| path.with_file_name(format!("{stem}_cut{number}.mcap")));
             if let Some(aside) = aside.into_iter().find(|aside| !aside.exists()) {
-                std::fs::rename(&path, &aside).with_context(|| format!("cannot put {} aside", path.display()))?;
+                std::fs::rename(&path, &aside)
+                    .with_context(|| format!("cannot put {} aside", path.display()))?;
             }
         }
         Ok(path)
@@ -180,7 +184,9 @@ impl Flying<'_> {
             Ending::Complete => {}
             Ending::Stopped(reason) => ended.reason = Some(format!("stopped: {reason}")),
             Ending::Fault(error) => ended.reason = Some(format!("fault: {error}")),
-            Ending::Panicked(words) => ended.reason = Some(format!("the program failed ({words}); please report it")),
+            Ending::Panicked(words) => {
+                ended.reason = Some(format!("the program failed ({words}); please report it"))
+            }
         }
         Ok(ended)
     }
@@ -250,7 +256,11 @@ impl Flying<'_> {
         } else if is(Exit::BadInput) {
             Ended { reason: Some(format!("not flown: {told}")), ..Ended::default() }
         } else {
-            Ended { reason: Some(format!("`bench hil` ended unexpectedly ({status}): {told}")), stopped: true, data_lost: false }
+            Ended {
+                reason: Some(format!("`bench hil` ended unexpectedly ({status}): {told}")),
+                stopped: true,
+                data_lost: false,
+            }
         })
     }
 
@@ -264,13 +274,21 @@ impl Flying<'_> {
             return run;
         }
         match std::fs::read(recording) {
-            Ok(bytes) => run.recording = Some(Attached { file: self.from_folder(recording), bytes: bytes.len() as u64, sha256: sha256(&bytes) }),
-            Err(error) => _ = run.reason.get_or_insert_with(|| format!("the recording cannot be read: {error}")),
+            Ok(bytes) => {
+                run.recording = Some(Attached {
+                    file: self.from_folder(recording),
+                    bytes: bytes.len() as u64,
+                    sha256: sha256(&bytes),
+                })
+            }
+            Err(error) => {
+                _ = run.reason.get_or_insert_with(|| format!("the recording cannot be read: {error}"))
+            }
         }
         match Flight::load(recording) {
             Ok(flight) => {
                 let judged = judge(&flight, &case.limits, case.mission_criteria, &planned.mission.criteria);
-                run.figures = judged.figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+                run.figures = judged.figures.into_iter().collect();
                 (run.checks, run.spread) = (judged.checks, judged.spread);
             }
             Err(error) => _ = run.reason.get_or_insert_with(|| error.to_string()),
@@ -296,7 +314,11 @@ pub const RECORDINGS: &str = "recordings";
 const LOOK: Duration = Duration::from_millis(50);
 
 fn lost(what: &str) -> Ended {
-    Ended { reason: Some(format!("{what} of the flight are lost: the disk was too slow")), stopped: false, data_lost: true }
+    Ended {
+        reason: Some(format!("{what} of the flight are lost: the disk was too slow")),
+        stopped: false,
+        data_lost: true,
+    }
 }
 
 /// Seconds since 1970.

@@ -80,11 +80,16 @@ impl Plan {
         let picked: Vec<Test> =
             all.into_iter().filter(|test| selected.picks(&suite.cases[test.case], test)).collect();
         if picked.is_empty() && problems.is_empty() {
-            bail!("no test of {} is as --tag, --test and --mode ask; `bench test {} --list` lists them", path.display(), named.display());
+            bail!(
+                "no test of {} is as --tag, --test and --mode ask; `bench test {} --list` lists them",
+                path.display(),
+                named.display()
+            );
         }
         let is_part = picked.len() < whole;
         let port = port.or(suite.port.as_deref());
-        let mut resolver = Resolver { suite: &suite, path: &path, effects, rigs: BTreeMap::new(), problems: &mut problems };
+        let mut resolver =
+            Resolver { suite: &suite, path: &path, effects, rigs: BTreeMap::new(), problems: &mut problems };
         let tests = resolver.tests(picked, port);
         let mut tolerances = BTreeMap::new();
         for (index, case) in suite.cases.iter().enumerate() {
@@ -114,6 +119,12 @@ impl Plan {
         )
     }
 
+    /// Leaves out all tests that no baseline is wanted of.
+    pub fn keep_those_with_baselines(&mut self) {
+        let cases = &self.suite.cases;
+        self.tests.retain(|planned| cases[planned.test.case].compare.baseline);
+    }
+
     /// A case's name of a file, from the suite's folder.
     pub fn beside(&self, name: &str) -> PathBuf {
         beside(&self.path, name)
@@ -123,7 +134,8 @@ impl Plan {
     pub fn digest(&self, meta: &BTreeMap<String, String>) -> String {
         let mut text = format!("{}\n{}\n{meta:?}\n", env!("CARGO_PKG_VERSION"), self.text);
         for planned in &self.tests {
-            text += &format!("{}\n{}\n{}\n", planned.test.id, planned.rig.to_toml(), planned.mission.to_toml());
+            text +=
+                &format!("{}\n{}\n{}\n", planned.test.id, planned.rig.to_toml(), planned.mission.to_toml());
         }
         sha256(text)
     }
@@ -240,7 +252,15 @@ impl Resolver<'_> {
         }
     }
 
-    fn check(&mut self, case: &Case, test: &Test, rig: &Rig, mission: &Mission, rig_path: &Path, port: Option<&str>) {
+    fn check(
+        &mut self,
+        case: &Case,
+        test: &Test,
+        rig: &Rig,
+        mission: &Mission,
+        rig_path: &Path,
+        port: Option<&str>,
+    ) {
         let mut problem = |key: &str, detail: String| {
             let problem = case.problem(self.path, key, detail);
             if !self.problems.contains(&problem) {
@@ -248,7 +268,13 @@ impl Resolver<'_> {
             }
         };
         if test.mode.is_hardware() && port.is_none() {
-            problem("mode", format!("{} needs the board's port; name it with --port, or by `port` at the suite's top", test.mode));
+            problem(
+                "mode",
+                format!(
+                    "{} needs the board's port; name it with --port, or by `port` at the suite's top",
+                    test.mode
+                ),
+            );
         }
         let wanted = match test.mode {
             Mode::Loopback => Some(Bench::Loopback),
@@ -256,15 +282,30 @@ impl Resolver<'_> {
             Mode::Sim | Mode::Frames => None,
         };
         if wanted.is_some_and(|wanted| wanted != rig.bench) {
-            problem("mode", format!("the rig {} is not of a {} bench, so it cannot be flown in this mode", test.rig, test.mode));
+            problem(
+                "mode",
+                format!(
+                    "the rig {} is not of a {} bench, so it cannot be flown in this mode",
+                    test.rig, test.mode
+                ),
+            );
         }
         if test.mode == Mode::Frames {
-            for error in [seen::calibration(rig, rig_path).err(), seen::check_mission(mission).err()].into_iter().flatten() {
+            for error in [seen::calibration(rig, rig_path).err(), seen::check_mission(mission).err()]
+                .into_iter()
+                .flatten()
+            {
                 problem("mode", words::causes(&error));
             }
         }
-        if test.mode == Mode::Transmitter && !(rig.effects.is_empty() && test.effects.is_empty() && self.effects.is_empty()) {
-            problem("effects", "no effect can be added to the real airframe; leave effects out, or fly in another mode".to_owned());
+        if test.mode == Mode::Transmitter
+            && !(rig.effects.is_empty() && test.effects.is_empty() && self.effects.is_empty())
+        {
+            problem(
+                "effects",
+                "no effect can be added to the real airframe; leave effects out, or fly in another mode"
+                    .to_owned(),
+            );
         }
         let stick_unit = match rig.airframe.actuation {
             Actuation::Volt => "V",
@@ -273,15 +314,33 @@ impl Resolver<'_> {
         };
         for limit in &case.limits {
             match limit {
-                Limit::Measure { name: "settling_time", side, .. } if mission.criteria.settle_band_m.is_none() => {
-                    let key = if *side == Side::Spread { "a spread of settling times" } else { "a settling time" };
-                    problem("limits", format!("{key} needs a band, and the mission {} has no `settle_band_m` in its [criteria]", test.mission));
+                Limit::Measure { name: "settling_time", side, .. }
+                    if mission.criteria.settle_band_m.is_none() =>
+                {
+                    let key =
+                        if *side == Side::Spread { "a spread of settling times" } else { "a settling time" };
+                    problem(
+                        "limits",
+                        format!(
+                            "{key} needs a band, and the mission {} has no `settle_band_m` in its [criteria]",
+                            test.mission
+                        ),
+                    );
                 }
                 Limit::Measure { .. } => {}
                 Limit::Field(limit) => {
-                    let of_sticks = limit.field().unit == bench_recording::Field::ACTUATION && limit.statistic.has_unit();
+                    let of_sticks =
+                        limit.field().unit == bench_recording::Field::ACTUATION && limit.statistic.has_unit();
                     if of_sticks && limit.unit != stick_unit {
-                        problem("limit", format!("sticks of the rig {} are in {stick_unit}, not in {}: {}", test.rig, limit.unit, limit.about()));
+                        problem(
+                            "limit",
+                            format!(
+                                "sticks of the rig {} are in {stick_unit}, not in {}: {}",
+                                test.rig,
+                                limit.unit,
+                                limit.about()
+                            ),
+                        );
                     }
                 }
             }
@@ -289,10 +348,17 @@ impl Resolver<'_> {
         let compares = case.compare.baseline || case.compare.back_to_back;
         let criteria = &mission.criteria;
         let has_criteria = bench_run::check(criteria, &bench_run::Summary::default()).is_empty();
-        if case.limits.is_empty() && !compares && case.mission_criteria == MissionCriteria::Count && has_criteria {
+        if case.limits.is_empty()
+            && !compares
+            && case.mission_criteria == MissionCriteria::Count
+            && has_criteria
+        {
             problem(
                 "mission",
-                format!("the mission {} has no criteria, and the case has neither limits nor `compare`: nothing could fail", test.mission),
+                format!(
+                    "the mission {} has no criteria, and the case has neither limits nor `compare`: nothing could fail",
+                    test.mission
+                ),
             );
         }
     }

@@ -36,7 +36,10 @@ impl Folder {
     pub fn open(path: &Path, force: bool, resume: bool) -> anyhow::Result<Self> {
         if resume {
             if !path.join(JOURNAL).is_file() {
-                bail!("{} holds nothing to go on with; leave out --resume, or name the folder with --output", path.display());
+                bail!(
+                    "{} holds nothing to go on with; leave out --resume, or name the folder with --output",
+                    path.display()
+                );
             }
         } else {
             let hint = || format!("go on with what is in {} by --resume", path.display());
@@ -54,13 +57,19 @@ impl Folder {
     }
 
     /// Begins the journal, or opens the one of the run that was begun; gives what was flown already and still is there.
-    pub fn journal(&self, digest: &str, resume: bool, flying: &Flying<'_>) -> anyhow::Result<(Journal, Vec<Kept>)> {
+    pub fn journal(
+        &self,
+        digest: &str,
+        resume: bool,
+        flying: &Flying<'_>,
+    ) -> anyhow::Result<(Journal, Vec<Kept>)> {
         let path = self.0.join(JOURNAL);
         if resume {
             let (journal, mut kept) = Journal::resume(&path, digest)?;
             kept.retain(|kept| {
                 kept.run.recording.as_ref().is_none_or(|attached| {
-                    fs::read(flying.recording(attached)).is_ok_and(|bytes| super::sha256(bytes) == attached.sha256)
+                    fs::read(flying.recording(attached))
+                        .is_ok_and(|bytes| super::sha256(bytes) == attached.sha256)
                 })
             });
             return Ok((journal, kept));
@@ -69,13 +78,15 @@ impl Folder {
             // What is left of a run before must not be taken for this one's.
             match fs::remove_file(self.0.join(name)) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(error).with_context(|| format!("cannot replace {name} in {}", self.0.display()));
+                    return Err(error)
+                        .with_context(|| format!("cannot replace {name} in {}", self.0.display()));
                 }
                 _ => {}
             }
         }
         let recordings = self.0.join(RECORDINGS);
-        fs::create_dir_all(&recordings).with_context(|| format!("cannot make the folder {}", recordings.display()))?;
+        fs::create_dir_all(&recordings)
+            .with_context(|| format!("cannot make the folder {}", recordings.display()))?;
         Ok((Journal::begin(&path, digest)?, Vec::new()))
     }
 
