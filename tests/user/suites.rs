@@ -77,7 +77,7 @@ fn peaks(scratch: &Scratch) -> Vec<f64> {
 fn every_result_is_told_in_every_report() {
     let scratch = Scratch::new();
     let peaks = peaks(&scratch);
-    let between = (peaks[1] + peaks[2]) / 2.0;
+    let between = f64::midpoint(peaks[1], peaks[2]);
     assert!(peaks[1] < peaks[2], "two of four peaks are to be below the limit: {peaks:?}");
     let suite = write(&scratch, "all.toml", &ALL_RESULTS.replace("PEAK", &between.to_string()));
     let (results, summary) = (scratch.name("results"), scratch.name("step.md"));

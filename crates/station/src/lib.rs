@@ -1,4 +1,4 @@
-//! The log of a station: every run with its result, figures and recording, in one SQLite file that stands in the station's folder.
+//! The log of a station: every run with its result, figures and recording, in one `SQLite` file that stands in the station's folder.
 //!
 //! - A run is entered when it begins and finished when it ends. One that was killed stays entered as `begun`.
 //! - The log gives each recording its name, which no other run has, so that none is ever overwritten.

@@ -230,7 +230,7 @@ impl Log {
                     entry.mission,
                     entry.mode,
                     entry.effects,
-                    entry.seed as i64,
+                    entry.seed.cast_signed(),
                     entry.repeat,
                     BEGUN,
                     entry.bench_version,

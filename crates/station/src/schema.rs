@@ -38,4 +38,5 @@ CREATE TABLE figures (
     value REAL NOT NULL,
     PRIMARY KEY (name, run)
 ) STRICT, WITHOUT ROWID;
+CREATE INDEX figures_by_run ON figures (run);
 ";

@@ -174,7 +174,7 @@ impl Case {
     }
 
     /// Says what does not fit about one of its keys, where the key stands.
-    pub fn problem(&self, file: &Path, key: &str, detail: String) -> Problem {
+    pub fn problem(&self, file: &Path, key: &str, detail: &str) -> Problem {
         let line = self.lines.1.iter().find(|(name, _)| name == key).map_or(self.lines.0, |(_, line)| *line);
         Problem::Contradiction {
             at: Location { file: file.to_owned(), line },
@@ -487,8 +487,7 @@ fn check_unit(
 ) {
     let wanted = if statistic.has_unit() { of_field } else { "" };
     let problem = match (wanted, given) {
-        ("" | "1", None) => None,
-        ("" | "1", Some("1")) => None,
+        ("" | "1", None | Some("1")) => None,
         ("" | "1", Some(given)) => Some(format!(
             "the {} of {path} has no unit, and {given:?} is given; leave it out",
             statistic.name()

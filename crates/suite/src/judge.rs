@@ -132,10 +132,9 @@ fn statistic(flight: &Flight, limit: &FieldLimit) -> Option<f64> {
         let is = |text: &str| limit.equals.as_deref() == Some(text);
         samples += 1;
         match value {
-            Value::Missing => samples -= 1,
             Value::Float(x) if x.is_finite() => numbers.push(x),
-            // What was not measured is no number either.
-            Value::Float(_) => samples -= 1,
+            // What was not measured may be no number as well.
+            Value::Missing | Value::Float(_) => samples -= 1,
             Value::Integer(x) => numbers.push(x as f64),
             Value::Time(time) => numbers.push(time.seconds()),
             Value::Text(text) => equal += u64::from(is(text)),

@@ -1,4 +1,4 @@
-//! JUnit XML, as Jenkins, GitLab and GitHub's actions read it.
+//! `JUnit` XML, as Jenkins, GitLab and GitHub's actions read it.
 //!
 //! A case is a `testsuite`, a test a `testcase` in the class `SUITE.CASE`. A flaky test is a `failure` of the type `flaky`, so that no
 //! server takes it for passed. Elements and attributes are those that Jenkins' `junit-10.xsd` knows.
@@ -12,7 +12,7 @@ use quick_xml::{
 
 use crate::{Counts, Outcome, Report, Tested};
 
-/// The report as JUnit XML.
+/// The report as `JUnit` XML.
 pub fn junit(report: &Report) -> String {
     let mut writer = Writer::new_with_indent(Vec::new(), b' ', 2);
     // Writing to memory cannot fail.

@@ -3,7 +3,7 @@
 //! - A [`Suite`] is read from a TOML file. [`Suite::tests`] lays its cases out: a [`Test`] for each combination of what they list.
 //! - [`Limit`]s are in the vocabulary of a mission's criteria, or name a field of the recording with a statistic and a phase.
 //!   [`judge`] holds a recorded flight against them.
-//! - A [`Report`] holds all results. It is the JSON of `bench test` (form `bench.test/1`), and becomes JUnit XML ([`junit`]), Markdown
+//! - A [`Report`] holds all results. It is the JSON of `bench test` (form `bench.test/1`), and becomes `JUnit` XML ([`junit`]), Markdown
 //!   ([`markdown`]), words for a terminal ([`words`]) and sections of a page ([`page`]).
 //! - A [`Journal`] keeps each finished run, so that a suite that was killed can go on.
 //!

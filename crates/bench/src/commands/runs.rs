@@ -28,7 +28,7 @@ use crate::{
 `bench test --station` enters the runs. A run that is listed as `begun` did not end, or is flown
 at the moment. Dates are UTC.")]
 pub struct Arguments {
-    /// Folder of the station [default: what BENCH_STATION names]
+    /// Folder of the station [default: what `BENCH_STATION` names]
     #[arg(long, value_name = "FOLDER", env = "BENCH_STATION")]
     station: Option<PathBuf>,
     /// Runs of this suite
@@ -64,7 +64,7 @@ pub struct Arguments {
     /// All of them
     #[arg(long, conflicts_with = "limit")]
     all: bool,
-    /// Show a figure week by week, such as peak, settling_time or round_trip_p99
+    /// Show a figure week by week, such as peak, `settling_time` or `round_trip_p99`
     #[arg(long, value_name = "FIGURE")]
     trend: Option<String>,
     /// Write the runs with what was known of them and their figures as a table

@@ -77,7 +77,7 @@ pub struct Arguments {
     exposure_ms: Option<f64>,
     #[command(flatten)]
     meta: Meta,
-    /// Folder of the station that flies: its log of all runs, and the recordings [default: none, or what BENCH_STATION names]
+    /// Folder of the station that flies: its log of all runs, and the recordings [default: none, or what `BENCH_STATION` names]
     #[arg(long, value_name = "FOLDER", env = "BENCH_STATION")]
     station: Option<PathBuf>,
     /// Go on with a suite that was killed: what it flew is not flown again

@@ -95,7 +95,7 @@ impl Baselines {
             if case.compare.baseline
                 && let Some(problem) = self.problem(planned)
             {
-                problems.push(case.problem(&plan.path, "compare", problem));
+                problems.push(case.problem(&plan.path, "compare", &problem));
             }
         }
         problems
@@ -141,11 +141,8 @@ impl Baselines {
         let file =
             self.index.get(&planned.test.id).map(|baseline| baseline.file.as_str()).unwrap_or_default();
         let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-        comparison(plan, planned, &self.folder.join(file), recording, derived).map(|found| Comparison {
-            kind: bench_suite::Kind::Baseline,
-            with: file.to_owned(),
-            ..found
-        })
+        comparison(plan, planned, &self.folder.join(file), recording, derived, false)
+            .map(|found| Comparison { kind: bench_suite::Kind::Baseline, with: file.to_owned(), ..found })
     }
 
     /// Takes a flight as the baseline of its test; one that is there and differs is replaced with `force` alone.
@@ -166,13 +163,14 @@ impl Baselines {
             Some(before) => {
                 let old = self.folder.join(&before.file);
                 let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-                let comparison = comparison(plan, planned, &old, &recording, derived).with_context(|| {
-                    format!(
-                        "{} cannot be compared; take it out of {} to record it anew",
-                        old.display(),
-                        self.folder.display()
-                    )
-                })?;
+                let comparison =
+                    comparison(plan, planned, &old, &recording, derived, false).with_context(|| {
+                        format!(
+                            "{} cannot be compared; take it out of {} to record it anew",
+                            old.display(),
+                            self.folder.display()
+                        )
+                    })?;
                 let comparison =
                     Comparison { kind: bench_suite::Kind::Baseline, with: before.file.clone(), ..comparison };
                 Change::Differs { comparison, replaced: force }

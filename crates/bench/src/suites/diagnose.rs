@@ -22,6 +22,22 @@ use crate::{
 /// How many fields that differ are told.
 const TOLD: usize = 12;
 
+/// What tells how the marker was seen, not how the airframe flew. Simulated positions have no pixels and always a heading; one marker in
+/// frames has no heading, so that a yaw is not held.
+const OF_EYES: [&str; 6] = [
+    "/tracker/position/pixel.*",
+    "/tracker/position/size_px",
+    "/tracker/position/status",
+    "/tracker/position/heading_rad",
+    "/plant/truth/attitude.w",
+    "/plant/truth/attitude.z",
+];
+
+/// Whether positions come from frames, rather than from the simulation itself.
+const fn sees_frames(mode: Mode) -> bool {
+    matches!(mode, Mode::Frames | Mode::Transmitter)
+}
+
 /// A recording against another of the same rig and mission. Who asks says what kind of comparison it is, and with what.
 pub fn comparison(
     plan: &Plan,
@@ -29,13 +45,14 @@ pub fn comparison(
     other: &Path,
     recording: &Path,
     derived: Derived,
+    by_other_eyes: bool,
 ) -> anyhow::Result<Comparison> {
-    let options = DiffOptions {
-        tolerances: plan.tolerances.get(&planned.test.case).cloned().unwrap_or_default(),
-        derived: Some(derived),
-        trace_stretches: 0,
-        ..DiffOptions::default()
-    };
+    let mut tolerances = plan.tolerances.get(&planned.test.case).cloned().unwrap_or_default();
+    for field in OF_EYES.iter().filter(|_| by_other_eyes) {
+        tolerances.ignore(field)?;
+    }
+    let options =
+        DiffOptions { tolerances, derived: Some(derived), trace_stretches: 0, ..DiffOptions::default() };
     let report = diff(other, recording, &options)?;
     let differs = report.fields.iter().filter(|field| field.counts() && !field.verdict.passes());
     let differences = differs.take(TOLD).map(|field| Difference {
@@ -70,6 +87,7 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             ));
             continue;
         };
+        let by_other_eyes = sees_frames(plan.tests[first].test.mode) != sees_frames(planned.test.mode);
         let mut differs = false;
         for place in 0..report.tests[index].runs.len() {
             let run = &report.tests[index].runs[place];
@@ -79,22 +97,28 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             let made = match recordings {
                 (Some(a), Some(b)) => {
                     let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-                    comparison(plan, planned, &flying.recording(a), &flying.recording(b), derived)
-                        .map_err(|error| words::causes(&error))
+                    comparison(
+                        plan,
+                        planned,
+                        &flying.recording(a),
+                        &flying.recording(b),
+                        derived,
+                        by_other_eyes,
+                    )
+                    .map_err(|error| words::causes(&error))
                 }
                 _ => Err("one of the two flights has no recording".to_owned()),
             };
-            let made =
-                made.map(|made| Comparison { with: with.clone(), ..made }).unwrap_or_else(|why| Comparison {
-                    kind: Kind::BackToBack,
-                    with,
-                    passed: false,
-                    summary: why,
-                    differences: Vec::new(),
-                });
+            let made = made.unwrap_or_else(|why| Comparison {
+                kind: Kind::BackToBack,
+                with: String::new(),
+                passed: false,
+                summary: why,
+                differences: Vec::new(),
+            });
             differs |= !made.passed && !made.differences.is_empty();
             let run = &mut report.tests[index].runs[place];
-            run.comparisons.push(made);
+            run.comparisons.push(Comparison { with, ..made });
             run.settle();
         }
         if differs {

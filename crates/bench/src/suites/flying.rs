@@ -159,9 +159,12 @@ impl Flying<'_> {
         }
         Meta::note(self.meta.clone(), &mut session);
         let mut sink = Recorder::create(recording, &session, Options::SIMULATION)?;
-        let each = |_: &bench_run::Progress| match self.stop.load(Ordering::Relaxed) {
-            true => Directive::Stop(StopReason::Asked),
-            false => Directive::GoOn,
+        let each = |_: &bench_run::Progress| {
+            if self.stop.load(Ordering::Relaxed) {
+                Directive::Stop(StopReason::Asked)
+            } else {
+                Directive::GoOn
+            }
         };
         let flown = if by_frames {
             let calibration = seen::calibration(rig, &planned.rig_path)?;
@@ -185,7 +188,7 @@ impl Flying<'_> {
             Ending::Stopped(reason) => ended.reason = Some(format!("stopped: {reason}")),
             Ending::Fault(error) => ended.reason = Some(format!("fault: {error}")),
             Ending::Panicked(words) => {
-                ended.reason = Some(format!("the program failed ({words}); please report it"))
+                ended.reason = Some(format!("the program failed ({words}); please report it"));
             }
         }
         Ok(ended)
@@ -276,13 +279,13 @@ impl Flying<'_> {
         match std::fs::read(recording) {
             Ok(bytes) => {
                 run.recording = Some(Attached {
-                    file: self.from_folder(recording),
+                    file: self.named_from_folder(recording),
                     bytes: bytes.len() as u64,
                     sha256: sha256(&bytes),
-                })
+                });
             }
             Err(error) => {
-                _ = run.reason.get_or_insert_with(|| format!("the recording cannot be read: {error}"))
+                _ = run.reason.get_or_insert_with(|| format!("the recording cannot be read: {error}"));
             }
         }
         match Flight::load(recording) {
@@ -297,7 +300,7 @@ impl Flying<'_> {
     }
 
     /// A recording's name from the folder of the results, or the station's.
-    fn from_folder(&self, recording: &Path) -> String {
+    fn named_from_folder(&self, recording: &Path) -> String {
         let folder = self.station.map_or(self.folder, |station| &station.folder);
         recording.strip_prefix(folder).unwrap_or(recording).display().to_string()
     }

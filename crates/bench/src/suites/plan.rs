@@ -94,9 +94,9 @@ impl Plan {
         let mut tolerances = BTreeMap::new();
         for (index, case) in suite.cases.iter().enumerate() {
             let Some(file) = &case.tolerances else { continue };
-            match Tolerances::load(&beside(&path, file)) {
+            match Tolerances::load(beside(&path, file)) {
                 Ok(read) => _ = tolerances.insert(index, read),
-                Err(error) => problems.push(case.problem(&path, "tolerances", error.to_string())),
+                Err(error) => problems.push(case.problem(&path, "tolerances", &error.to_string())),
             }
         }
         Ok((Self { suite, path, tests, tolerances, is_part, text }, problems))
@@ -134,8 +134,10 @@ impl Plan {
     pub fn digest(&self, meta: &BTreeMap<String, String>) -> String {
         let mut text = format!("{}\n{}\n{meta:?}\n", env!("CARGO_PKG_VERSION"), self.text);
         for planned in &self.tests {
-            text +=
-                &format!("{}\n{}\n{}\n", planned.test.id, planned.rig.to_toml(), planned.mission.to_toml());
+            for part in [&planned.test.id, &planned.rig.to_toml(), &planned.mission.to_toml()] {
+                text += part;
+                text.push('\n');
+            }
         }
         sha256(text)
     }
@@ -194,7 +196,7 @@ impl Resolver<'_> {
                     Err(error) => {
                         is_sound = false;
                         if is_first {
-                            self.problems.push(case.problem(self.path, "effects", of_effect(&error)));
+                            self.problems.push(case.problem(self.path, "effects", &of_effect(&error)));
                         }
                     }
                 }
@@ -203,7 +205,7 @@ impl Resolver<'_> {
                 && is_sound
                 && is_first
             {
-                self.problems.push(case.problem(self.path, "effects", of_effect(&error)));
+                self.problems.push(case.problem(self.path, "effects", &of_effect(&error)));
             }
             planned.push(Planned { test, nominal, rig, mission, rig_path, mission_path });
         }
@@ -248,7 +250,7 @@ impl Resolver<'_> {
     fn tell(&mut self, case: &Case, key: &str, error: &anyhow::Error) {
         match error.downcast_ref::<RigError>() {
             Some(RigError::Invalid(own)) => self.problems.extend(own.iter().cloned()),
-            _ => self.problems.push(case.problem(self.path, key, words::causes(error))),
+            _ => self.problems.push(case.problem(self.path, key, &words::causes(error))),
         }
     }
 
@@ -261,7 +263,7 @@ impl Resolver<'_> {
         rig_path: &Path,
         port: Option<&str>,
     ) {
-        let mut problem = |key: &str, detail: String| {
+        let mut problem = |key: &str, detail: &str| {
             let problem = case.problem(self.path, key, detail);
             if !self.problems.contains(&problem) {
                 self.problems.push(problem);
@@ -270,7 +272,7 @@ impl Resolver<'_> {
         if test.mode.is_hardware() && port.is_none() {
             problem(
                 "mode",
-                format!(
+                &format!(
                     "{} needs the board's port; name it with --port, or by `port` at the suite's top",
                     test.mode
                 ),
@@ -284,7 +286,7 @@ impl Resolver<'_> {
         if wanted.is_some_and(|wanted| wanted != rig.bench) {
             problem(
                 "mode",
-                format!(
+                &format!(
                     "the rig {} is not of a {} bench, so it cannot be flown in this mode",
                     test.rig, test.mode
                 ),
@@ -295,7 +297,7 @@ impl Resolver<'_> {
                 .into_iter()
                 .flatten()
             {
-                problem("mode", words::causes(&error));
+                problem("mode", &words::causes(&error));
             }
         }
         if test.mode == Mode::Transmitter
@@ -303,8 +305,7 @@ impl Resolver<'_> {
         {
             problem(
                 "effects",
-                "no effect can be added to the real airframe; leave effects out, or fly in another mode"
-                    .to_owned(),
+                "no effect can be added to the real airframe; leave effects out, or fly in another mode",
             );
         }
         let stick_unit = match rig.airframe.actuation {
@@ -321,7 +322,7 @@ impl Resolver<'_> {
                         if *side == Side::Spread { "a spread of settling times" } else { "a settling time" };
                     problem(
                         "limits",
-                        format!(
+                        &format!(
                             "{key} needs a band, and the mission {} has no `settle_band_m` in its [criteria]",
                             test.mission
                         ),
@@ -334,7 +335,7 @@ impl Resolver<'_> {
                     if of_sticks && limit.unit != stick_unit {
                         problem(
                             "limit",
-                            format!(
+                            &format!(
                                 "sticks of the rig {} are in {stick_unit}, not in {}: {}",
                                 test.rig,
                                 limit.unit,
@@ -355,7 +356,7 @@ impl Resolver<'_> {
         {
             problem(
                 "mission",
-                format!(
+                &format!(
                     "the mission {} has no criteria, and the case has neither limits nor `compare`: nothing could fail",
                     test.mission
                 ),
