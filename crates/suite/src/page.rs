@@ -6,7 +6,7 @@ use bench_page::{
 };
 use maud::{Markup, html};
 
-use crate::{Check, Comparison, Measure, Outcome, Report, Run, Tested, markdown::requirements};
+use crate::{Check, Comparison, Outcome, Report, Run, Tested, markdown::requirements, words::figures};
 
 /// What the suite comes to.
 pub fn verdict(report: &Report) -> Verdict {
@@ -54,9 +54,11 @@ pub fn sections(report: &Report) -> Vec<Section> {
     let mut sections = Vec::new();
     if !others.is_empty() {
         let parts = others.iter().map(|test| {
-            let words = format!("{} {}", test.outcome.name(), test.share());
+            let share = test.share();
+            let apart = if share.is_empty() { "" } else { ": " };
+            let words = format!("{}{apart}{share}", test.outcome.name());
             Section::new(test.id.clone(), detail(test))
-                .verdict(Verdict::new(tone(test.outcome), bench_page::capitalised(words.trim())))
+                .verdict(Verdict::new(tone(test.outcome), bench_page::capitalised(&words)))
         });
         sections.push(Section::new("What did not pass", html! {}).parts(parts));
     }
@@ -147,12 +149,7 @@ fn flight(run: &Run) -> Markup {
         @if let Some(reason) = &run.reason { p { (reason) } }
         (checks(&run.checks))
         @for comparison in &run.comparisons { (compared(comparison)) }
-        p.soft {
-            @for (name, value) in run.figures.iter().filter(|(name, _)| !name.contains(' ')) {
-                @let unit = Measure::named(name).map_or("", |measure| measure.unit);
-                (name) " " (bench_page::digits(*value)) " " (unit) "; "
-            }
-        }
+        p.soft { (figures(run)) }
         @if let Some(recording) = &run.recording {
             p.soft { "Recording " code { (recording.file) } ", SHA-256 " code { (recording.sha256) } }
         }

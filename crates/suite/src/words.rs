@@ -45,7 +45,7 @@ fn word(check: &Check) -> &'static str {
 }
 
 /// The figures of a flight in one line.
-fn figures(run: &Run) -> String {
+pub(crate) fn figures(run: &Run) -> String {
     // What is limited stands among the limits.
     let own = run.figures.iter().filter(|(name, _)| !name.contains(' '));
     let told = own.map(|(name, value)| {

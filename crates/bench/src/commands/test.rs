@@ -313,10 +313,25 @@ fn fly_all(
     let made = simulated.into_par_iter().map(fly).collect::<anyhow::Result<Vec<_>>>()?;
     flown.extend(made.into_iter().flatten());
     for due in hardware {
-        progress.doing(&format!("flying {}", plan.tests[due.0].test.id));
+        let test = &plan.tests[due.0].test;
+        if test.mode == Mode::Transmitter && !flying.stop.load(Ordering::Relaxed) {
+            wait_until_placed(&progress, &test.id)?;
+        }
+        progress.doing(&format!("flying {}", test.id));
         flown.extend(fly(due)?);
     }
     Ok(flown)
+}
+
+/// The real airframe stands where the flight before left it: who sits at the terminal puts it back. Without a terminal it is flown from there.
+fn wait_until_placed(progress: &Progress, test: &str) -> anyhow::Result<()> {
+    if std::io::stdin().is_terminal() {
+        progress.say(&format!(
+            "{test} is next: put the airframe in its place, then press Enter (Ctrl-C and Enter end the suite)"
+        ));
+        std::io::stdin().lock().read_line(&mut String::new())?;
+    }
+    Ok(())
 }
 
 /// Simulations that tolerances are derived from use all cores themselves, so they are made before the flights that need them.

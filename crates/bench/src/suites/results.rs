@@ -27,6 +27,8 @@ pub const PAGE: &str = "report.html";
 
 /// Flights of so many tests stand on the page in full; of more tests only those that did not pass.
 const IN_FULL: usize = 12;
+/// No page has more flights.
+const FLIGHTS_MAX: usize = 40;
 
 /// The folder, before anything is flown.
 pub struct Folder(PathBuf);
@@ -113,9 +115,14 @@ impl Folder {
 fn write_page(path: &Path, report: &Report, flying: &Flying<'_>) -> anyhow::Result<()> {
     let in_full = report.tests.len() <= IN_FULL;
     let mut parts = Vec::new();
+    let mut left = 0;
     for test in report.tests.iter().filter(|test| in_full || test.outcome != Outcome::Passed) {
         for run in &test.runs {
             let Some(attached) = &run.recording else { continue };
+            if parts.len() == FLIGHTS_MAX {
+                left += 1;
+                continue;
+            }
             let title = match test.runs.len() {
                 1 => test.id.clone(),
                 _ => format!("{}, flight {}", test.id, run.repeat + 1),
@@ -129,12 +136,16 @@ fn write_page(path: &Path, report: &Report, flying: &Flying<'_>) -> anyhow::Resu
     }
     let mut sections = page::sections(report);
     if !parts.is_empty() {
-        let words = if in_full {
-            "Every flight as `bench report` shows it. The verdicts are those of the mission's criteria alone."
+        let told = if in_full {
+            "Every flight as bench report shows it. The verdicts are those of the mission's criteria alone."
         } else {
-            "Flights of tests that did not pass, as `bench report` shows them. The verdicts are those of the mission's criteria alone."
+            "Flights of tests that did not pass, as bench report shows them. The verdicts are those of the mission's criteria alone."
         };
-        sections.push(Section::new("Flights", html! {}).told(words.replace('`', "")).parts(parts));
+        let left = match left {
+            0 => String::new(),
+            left => format!(" {} more are not shown here; bench report shows them.", words::grouped(left)),
+        };
+        sections.push(Section::new("Flights", html! {}).told(told.to_owned() + &left).parts(parts));
     }
     let page = Page::new(format!("Suite: {}", report.suite), page::verdict(report))
         .sections(sections)
