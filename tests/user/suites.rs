@@ -3,7 +3,7 @@
 use std::{
     fs,
     path::Path,
-    process::{Command, Stdio},
+    process::{Child, Command, Stdio},
     time::{Duration, Instant},
 };
 
@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::{
     hil::{Emulated, short_mission},
-    support::{Page, Scratch, bench, json, refused, stdout},
+    support::{Page, Scratch, bench, json, refused, root, stdout},
 };
 
 /// A suite with a case for each result. What is flaky is so by its limit, which lies between the peaks of its repeats.
@@ -424,6 +424,16 @@ fn what_is_no_station_or_no_filter_is_refused() {
     assert!(refused(bench(["test", "paper", "--test", "no-such", "-o", &results]), 2).contains("--list"));
 }
 
+/// Waits until a journal has so many lines, of which the first is its head.
+fn flown(process: &mut Child, journal: &Path, lines: usize) {
+    let limit = Instant::now() + Duration::from_secs(120);
+    while fs::read_to_string(journal).map_or(0, |text| text.lines().count()) < lines {
+        assert!(Instant::now() < limit, "no flight was entered");
+        assert!(process.try_wait().unwrap().is_none(), "it ended too early");
+        std::thread::yield_now();
+    }
+}
+
 #[test]
 fn a_suite_that_was_killed_goes_on_where_it_was() {
     let scratch = Scratch::new();
@@ -441,16 +451,10 @@ fn a_suite_that_was_killed_goes_on_where_it_was() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let lines = || fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
-    let limit = Instant::now() + Duration::from_secs(120);
-    while lines() < 6 {
-        assert!(Instant::now() < limit, "no flight was entered");
-        assert!(process.try_wait().unwrap().is_none(), "it ended before it was killed");
-        std::thread::yield_now();
-    }
+    flown(&mut process, &journal, 6);
     process.kill().unwrap();
     process.wait().unwrap();
-    let before = lines() - 1;
+    let before = fs::read_to_string(&journal).unwrap().matches('\n').count() - 1;
     // What a write that was cut leaves is no flight.
     let whole = fs::read_to_string(&journal).unwrap();
     fs::write(&journal, format!("{whole}{{\"test\":\"hold/se")).unwrap();
@@ -484,6 +488,58 @@ fn a_suite_that_was_killed_goes_on_where_it_was() {
         )
         .contains("another suite")
     );
+}
+
+#[test]
+fn commands_of_the_ci_files_fly_a_suite_as_they_stand() {
+    let suite = "name = \"flight\"\ndescription = \"It climbs.\"\n\n[[case]]\nname = \"climb\"\nrig = \"virtual\"\n\
+                 mission = \"climb-040\"\ntags = [\"ci\"]\n";
+    for file in ["github.yml", "gitlab.yml"] {
+        let scratch = Scratch::new();
+        fs::create_dir(scratch.path("tests")).unwrap();
+        fs::write(scratch.path("tests/flight.toml"), suite).unwrap();
+        let text = fs::read_to_string(root().join("docs/ci").join(file)).unwrap();
+        let jobs = text.lines().filter(|line| !line.trim_start().starts_with('#'));
+        let commands: Vec<&str> =
+            jobs.filter_map(|line| line.split_once("bench test ")).map(|(_, rest)| rest).collect();
+        let [command] = commands.as_slice() else { panic!("{file}: {commands:?}") };
+        let mut fly = bench(["test"]);
+        fly.current_dir(scratch.path("")).args(command.split(' '));
+        fly.env("GITHUB_STEP_SUMMARY", scratch.path("summary.md")).assert().success();
+        for artifact in ["test-results/junit.xml", "test-results/report.html", "summary.md"] {
+            assert!(scratch.path(artifact).exists(), "{file}: {artifact}");
+        }
+    }
+}
+
+#[test]
+fn an_interrupted_suite_tells_what_was_flown() {
+    let scratch = Scratch::new();
+    let suite = write(
+        &scratch,
+        "long.toml",
+        "name = \"long\"\ndescription = \"Many flights.\"\n\n[[case]]\nname = \"hold\"\nrig = \"virtual\"\n\
+         mission = \"hold-3d\"\nseeds = { first = 0, count = 150 }\n",
+    );
+    let results = scratch.name("results");
+    let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
+        .args(["test", &suite, "-o", &results])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    flown(&mut process, &scratch.path("results/journal.jsonl"), 3);
+    let id = process.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    assert_eq!(process.wait().unwrap().code(), Some(4));
+    let report = read(&scratch.path("results/results.json"));
+    let count = |of: &str| report["counts"][of].as_u64().unwrap();
+    assert!(count("passed") >= 2 && count("not_run") > 0, "{}", report["counts"]);
+    assert_eq!(count("passed") + count("not_run"), 150);
+    let xml = fs::read_to_string(scratch.path("results/junit.xml")).unwrap();
+    assert!(xml.contains("<skipped message=\"the suite was stopped before\""));
+    // It goes on as after a crash.
+    bench(["test", &suite, "-o", &results, "--resume", "--quiet"]).assert().success();
 }
 
 #[test]

@@ -466,7 +466,7 @@ fn field_limit(reader: &mut Reader<'_, '_>) -> Option<FieldLimit> {
         let detail = if equals.is_some() {
             "is for the statistic `share` alone"
         } else {
-            "is missing: `share` is that of the samples with this value"
+            "`share` is that of the samples with this value, so it needs one"
         };
         reader.contradiction(EQUALS, detail.to_owned());
     }
@@ -499,7 +499,7 @@ fn check_unit(
         )),
         (wanted, Some(given)) if wanted == given => None,
         (wanted, Some(given)) => Some(format!("{path} is in {wanted}, not in {given}")),
-        (wanted, None) => Some(format!("is missing: {path} is in {wanted}, so say `{UNIT} = {wanted:?}`")),
+        (wanted, None) => Some(format!("{path} is in {wanted}; say so by `{UNIT} = {wanted:?}`")),
     };
     if let Some(problem) = problem {
         reader.contradiction(UNIT, problem);
