@@ -491,6 +491,42 @@ fn a_suite_that_was_killed_goes_on_where_it_was() {
 }
 
 #[test]
+fn a_suite_that_is_killed_in_a_flight_lands_it_and_keeps_what_was_recorded() {
+    let scratch = Scratch::new();
+    let suite = through_a_board(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let (results, recording) =
+        (scratch.name("results"), scratch.path("results/recordings/short_loopback_r1.mcap"));
+    let test = ["test", &suite, "--port", &board.port, "-o", &results, "--meta", "operator=Ada"];
+    let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
+        .args(test)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let limit = Instant::now() + Duration::from_secs(60);
+    while fs::metadata(&recording).map_or(0, |file| file.len()) < 10_000 {
+        assert!(Instant::now() < limit && process.try_wait().unwrap().is_none(), "it was not in the air");
+        std::thread::yield_now();
+    }
+    process.kill().unwrap();
+    process.wait().unwrap();
+    // The flight ends as on SIGTERM, and closes its recording.
+    let info = || bench(["info", recording.to_str().unwrap(), "--json"]).output().unwrap();
+    while !info().status.success() {
+        assert!(Instant::now() < limit, "the flight went on: {:?}", info());
+    }
+    let cut = fs::read(&recording).unwrap();
+    // Until the flight's process is gone, the port is taken.
+    while !bench(test).args(["--resume", "--quiet"]).output().unwrap().status.success() {
+        assert!(Instant::now() < limit, "the board stayed taken");
+    }
+    assert_eq!(fs::read(scratch.path("results/recordings/short_loopback_r1_cut1.mcap")).unwrap(), cut);
+    let report = read(&scratch.path("results/results.json"));
+    assert_eq!(report["counts"]["passed"], 2);
+}
+
+#[test]
 fn commands_of_the_ci_files_fly_a_suite_as_they_stand() {
     let suite = "name = \"flight\"\ndescription = \"It climbs.\"\n\n[[case]]\nname = \"climb\"\nrig = \"virtual\"\n\
                  mission = \"climb-040\"\ntags = [\"ci\"]\n";

@@ -23,6 +23,7 @@ use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
 use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
+use rustix::process::set_parent_process_death_signal;
 use tokio::{
     runtime::Runtime,
     sync::mpsc::{UnboundedReceiver, unbounded_channel},
@@ -38,7 +39,7 @@ use crate::{
     progress,
     recorded::{self, ADDED_EFFECTS},
     seen,
-    signals::Signals,
+    signals::{PARENT_ENDED, Signals},
     words,
 };
 use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
@@ -88,6 +89,9 @@ pub struct Arguments {
     live: LiveArguments,
     #[command(flatten)]
     foxglove: FoxgloveArguments,
+    /// For who starts this as a process of their own: end the flight when they end, however that comes
+    #[arg(long, hide = true)]
+    end_with_parent: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -129,6 +133,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         let _inside = runtime.enter();
         Signals::catch()?
     };
+    if arguments.end_with_parent {
+        set_parent_process_death_signal(Some(rustix::process::Signal::USR1))
+            .context("cannot ask to be told when the process that started this one ends")?;
+    }
     // The servers' threads are started here, so that they do not inherit the loop's priority.
     let foxglove = arguments.foxglove.open()?;
     let (mut page, ends) = arguments.live.open(|| about(&rig, &mission))?.unzip();
@@ -290,6 +298,9 @@ async fn watch(
             }
             name = signals.next() => {
                 if stop.swap(true, Ordering::Relaxed) {
+                    if name == PARENT_ENDED {
+                        continue;
+                    }
                     shown.end();
                     eprintln!("{name} again: leaving at once; the board zeroes its outputs by itself within 300 ms");
                     std::process::exit(Exit::Stopped as i32);

@@ -2,7 +2,8 @@
 
 use std::{
     collections::BTreeMap,
-    io::{BufRead as _, BufReader, Read as _},
+    fs::File,
+    io::{Read as _, Seek as _},
     os::unix::process::CommandExt as _,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -201,6 +202,8 @@ impl Flying<'_> {
         let mut command = Command::new(program);
         command.arg("hil").arg("--rig").arg(&planned.rig_path).arg("--mission").arg(&planned.mission_path);
         command.arg("--seed").arg(seed.to_string()).arg("-o").arg(recording).arg("--json").arg("--quiet");
+        // A suite that is killed leaves no airframe in the air and no board taken.
+        command.arg("--end-with-parent");
         if let Some(port) = self.port {
             command.arg("--port").arg(port);
         }
@@ -211,39 +214,32 @@ impl Flying<'_> {
             command.arg("--meta").arg(format!("{key}={value}"));
         }
         command.args(&self.hil_arguments);
+        // Files, not pipes: should this process be killed, the flight must still be able to say that it lands.
+        let file = || tempfile::tempfile().context("cannot make a file for what `bench hil` says");
+        let (mut stdout, mut stderr) = (file()?, file()?);
         // In a group of its own Ctrl-C does not reach it twice, which would end it without a landing.
         let mut child = command
             .process_group(0)
             .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
+            .stdout(stdout.try_clone()?)
+            .stderr(stderr.try_clone()?)
             .spawn()
             .context("cannot start `bench hil`")?;
-        let (Some(mut stdout), Some(stderr)) = (child.stdout.take(), child.stderr.take()) else {
-            bail!("`bench hil` has no output");
+        let mut is_told = false;
+        let status = loop {
+            if let Some(status) = child.try_wait().context("`bench hil` was lost")? {
+                break status;
+            }
+            // Who stops the suite wants the throttle at rest first; the flight does that on SIGTERM.
+            if !is_told && self.stop.load(Ordering::Relaxed) {
+                let _ = kill_process(Pid::from_child(&child), Signal::TERM);
+                is_told = true;
+            }
+            std::thread::sleep(LOOK);
         };
-        let pid = Pid::from_child(&child);
-        let ended = AtomicBool::new(false);
-        let (mut printed, mut said) = (String::new(), Vec::new());
-        let status = std::thread::scope(|scope| {
-            scope.spawn(|| said.extend(BufReader::new(stderr).lines().map_while(Result::ok)));
-            scope.spawn(|| {
-                // Who stops the suite wants the throttle at rest first; the flight does that on SIGTERM.
-                while !ended.load(Ordering::Relaxed) {
-                    if self.stop.load(Ordering::Relaxed) {
-                        let _ = kill_process(pid, Signal::TERM);
-                        break;
-                    }
-                    std::thread::sleep(LOOK);
-                }
-            });
-            let read = stdout.read_to_string(&mut printed);
-            let status = child.wait();
-            ended.store(true, Ordering::Relaxed);
-            read.and(status)
-        })
-        .context("`bench hil` was lost")?;
-        let last = said.iter().rev().find(|line| line.contains("error")).or(said.last());
+        let (printed, said) = (whole(&mut stdout)?, whole(&mut stderr)?);
+        let said: Vec<&str> = said.lines().collect();
+        let last = said.iter().rev().find(|line| line.starts_with("error")).or(said.last());
         let told = last.map(|line| line.trim_start_matches("error: ").to_owned()).unwrap_or_default();
         let report: serde_json::Value = serde_json::from_str(&printed).unwrap_or_default();
         let reason = report["reason"].as_str();
@@ -315,6 +311,13 @@ impl Flying<'_> {
 pub const RECORDINGS: &str = "recordings";
 /// Between two looks at whether a flight is to be stopped.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// All that was written into a file.
+fn whole(file: &mut File) -> anyhow::Result<String> {
+    let mut bytes = Vec::new();
+    file.rewind().and_then(|()| file.read_to_end(&mut bytes)).context("cannot read what `bench hil` said")?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
 
 fn lost(what: &str) -> Ended {
     Ended {

@@ -69,7 +69,7 @@ impl Folder {
         if resume {
             let (journal, mut kept) = Journal::resume(&path, digest)?;
             kept.retain(|kept| {
-                kept.run.recording.as_ref().is_none_or(|attached| {
+                kept.run.recording.as_ref().is_some_and(|attached| {
                     fs::read(flying.recording(attached))
                         .is_ok_and(|bytes| super::sha256(bytes) == attached.sha256)
                 })
