@@ -5,14 +5,15 @@ use statrs::distribution::{ContinuousCDF as _, StudentsT};
 
 use crate::{Filter, Log, StationError};
 
-const WEEK_S: f64 = 7.0 * 86_400.0;
+const DAY_S: f64 = 86_400.0;
+const WEEK_S: f64 = 7.0 * DAY_S;
 
 /// A figure over the weeks of a log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trend {
     /// Each week with runs, the earliest first.
     pub weeks: Vec<Week>,
-    /// How it drifts; `None` with fewer than three runs or all at one time.
+    /// How it drifts; `None` with fewer than three runs or all within a day.
     pub drift: Option<Drift>,
 }
 
@@ -46,10 +47,11 @@ impl Drift {
         self.interval[0] > 0.0 || self.interval[1] < 0.0
     }
 
-    /// Through points of time in seconds and value.
+    /// Through points of time in seconds and value, in order of time. What changes within a day is told by no slope a week.
     fn of(points: &[(f64, f64)]) -> Option<Self> {
         let n = points.len() as f64;
-        if points.len() < 3 {
+        let span_s = points.last()?.0 - points.first()?.0;
+        if points.len() < 3 || span_s < DAY_S {
             return None;
         }
         let time = points.iter().map(|(time, _)| time / WEEK_S).sum::<f64>() / n;
@@ -58,9 +60,6 @@ impl Drift {
         for (t, x) in points {
             spread += (t / WEEK_S - time).powi(2);
             joint += (t / WEEK_S - time) * (x - value);
-        }
-        if spread <= 0.0 {
-            return None;
         }
         let per_week = joint / spread;
         let left: f64 =
@@ -108,6 +107,7 @@ mod tests {
         let left: f64 = 10.0 - drift.per_week.powi(2) * spread;
         assert!((half - 2.306 * (left / 8.0 / spread).sqrt()).abs() < 1e-4, "{drift:?}");
         assert!(!drift.is_sure());
-        assert!(Drift::of(&line[..2]).is_none() && Drift::of(&[(1.0, 1.0); 5]).is_none());
+        assert!(Drift::of(&line[..2]).is_none() && Drift::of(&[]).is_none());
+        assert!(Drift::of(&[(0.0, 1.0), (10.0, 2.0), (DAY_S - 1.0, 3.0)]).is_none(), "all of one day");
     }
 }

@@ -307,7 +307,7 @@ fn trend_in_words(figure: &str, trend: &Trend) -> String {
         );
     }
     let _ = match &trend.drift {
-        None => writeln!(out, "too few runs to tell a drift"),
+        None => writeln!(out, "too few runs to tell a drift, or all within a day"),
         Some(drift) => {
             let [low, high] = drift.interval.map(short);
             let verdict = if drift.is_sure() { "it drifts" } else { "no drift beyond what runs scatter" };
