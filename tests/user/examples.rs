@@ -64,6 +64,7 @@ const ENDS_WITH: &[(&str, i32, &str)] = &[
     ),
     ("hop-*.mcap --tolerance 0.03", 1, "the tolerances of that copy are too wide for hops to tell anything"),
     ("bench recover cut.mcap", 3, "the end was lost"),
+    ("-o what-if/", 1, "the suite notices what was added"),
 ];
 
 /// What an example needs, by a part of it, and the commands that make it.
@@ -95,6 +96,7 @@ const FIXTURES: &[(&str, &str)] = &[
     ("frames/", "bench record-frames --mission hop --seconds 2 -o frames/"),
     ("flight/", "bench record-frames --mission steps --from-s 5 --seconds 3 -o flight/"),
     ("calibrate places.csv", "test -d p0 || bench record-frames --positions places.csv --bare --frames 7"),
+    ("lab/", "bench test paper --station lab/ --meta operator=Ada --meta battery=3 -o of-the-lab/"),
     ("sealed/", "bench blind seal --cases 2 -o sealed/ --key key.json"),
 ];
 
@@ -102,7 +104,11 @@ const FLIGHTS_WITH_A_LAG: &str =
     "for s in 1 2 3; do bench sim --effect rotor-lag:time_constant_s=0.12 --seed $s -o flight-$s.mcap; done";
 
 /// Files that examples read, by a part of the example.
-const FILES: &[(&str, &str)] = &[("log.csv", LOG), ("my-map.toml", MAP), ("places.csv", PLACES)];
+const FILES: &[(&str, &str)] =
+    &[("log.csv", LOG), ("my-map.toml", MAP), ("places.csv", PLACES), ("hover.toml", HOVER)];
+
+const HOVER: &str = "name = \"hover\"\ndescription = \"The airframe hovers.\"\n\n[[case]]\nname = \"climb\"\n\
+                     rig = \"virtual\"\nmission = \"climb-040\"\ncompare = \"baseline\"\n";
 
 const LOG: &str = "time_s,x_m,y_m,z_m,vz_m_s,az_g,roll_deg,thrust_command,motor_pwm,battery_v
 0.00,0,0,0.0,0,0,0,0,0,4.0

@@ -24,6 +24,7 @@ mod report;
 mod rigs;
 mod schema;
 mod sim;
+mod suites;
 mod support;
 mod tune;
 mod viewing;

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::support::{Scratch, bench, json, refused, root, stdout, violations};
 
-const FILES: [&str; 6] = ["rig", "airframe", "mission", "map", "calibration", "tolerances"];
+const FILES: [&str; 7] = ["rig", "airframe", "mission", "map", "calibration", "tolerances", "suite"];
 
 fn schema(name: &str) -> Value {
     serde_json::from_str(&stdout(&bench(["schema", name]).assert().success())).unwrap()
@@ -78,7 +78,7 @@ fn what_is_committed_is_what_is_made() {
         let made = stdout(&bench(["schema", file]).assert().success());
         assert!(committed == made, "{path} is old; run `bench schema {file} > {path}`");
     }
-    for page in ["rig", "mission"] {
+    for page in ["rig", "mission", "suite"] {
         let committed = fs::read_to_string(root().join(format!("docs/{page}.md"))).unwrap();
         let made = stdout(&bench(["schema", page, "--markdown"]).assert().success());
         assert!(
@@ -240,6 +240,7 @@ fn committed() -> Vec<(&'static str, PathBuf)> {
         ("mission", "missions"),
         ("mission", "missions/blind"),
         ("map", "import"),
+        ("suite", "suites"),
     ] {
         for entry in fs::read_dir(rigs.join(folder)).unwrap() {
             let path = entry.unwrap().path();
@@ -276,6 +277,13 @@ const MAP: &str = "name = \"all\"\nactuation = \"volt\"\ndelimiter = \";\"\n[tim
     [control]\nphase = { column = \"p\", names = { fly = \"hold\", wait = \"idle\" } }\n\
     [command]\nthrottle = { column = \"u\", unit = \"mV\" }\nkeep = \"changes\"\nevery_s = 0.1\n";
 
+const SUITE: &str = "name = \"all\"\ndescription = \"x\"\nport = \"/dev/ttyACM0\"\nbaselines = \"b\"\nask = [\"operator\"]\n\
+    [[case]]\nname = \"a\"\nrig = [\"virtual\", \"loopback\"]\nmission = \"hop\"\nmode = \"sim\"\neffects = [\"none\", \"gusts\"]\n\
+    seeds = { first = 0, count = 3 }\nrepeats = 2\ntags = \"ci\"\nrequirements = [\"R-1\"]\nmission_criteria = \"ignore\"\n\
+    compare = [\"baseline\", \"back-to-back\"]\ntolerances = \"t.toml\"\n[case.limits]\npeak_max_m = 0.5\npeak_spread_max_m = 0.1\n\
+    [[case.limit]]\nfield = \"/tracker/position/status\"\nstatistic = \"share\"\nequals = \"found\"\nphase = \"hold\"\nmin = 0.9\n\
+    [[case]]\nname = \"b\"\nrig = \"virtual\"\nmission = [\"hop\"]\nseeds = [1, 2]\n";
+
 /// A file of each kind that uses much of what there is.
 fn samples() -> Vec<(&'static str, toml::Table)> {
     let rigs = root().join("rigs");
@@ -295,6 +303,7 @@ fn samples() -> Vec<(&'static str, toml::Table)> {
         ("map", MAP.parse().unwrap()),
         ("calibration", calibration),
         ("tolerances", TOLERANCES.parse().unwrap()),
+        ("suite", SUITE.parse().unwrap()),
     ]
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use bench_recording::Session;
 use bench_rig::Rig;
 use clap::Args;
 
@@ -53,4 +54,33 @@ pub struct Page {
     /// Also write the result as one self-contained page
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
+}
+
+/// What is known of a flight and cannot be measured, kept in its recording.
+#[derive(Args)]
+#[group(skip)]
+pub struct Meta {
+    /// Keep with the recording what else is known, such as airframe-serial=Q4-07, operator=Ada or battery=3; may be repeated
+    #[arg(long = "meta", value_name = "KEY=VALUE", value_parser = meta)]
+    pub meta: Vec<(String, String)>,
+}
+
+/// Stands before the keys of `--meta` in a recording's session.
+const META: &str = "meta.";
+
+impl Meta {
+    /// Notes it in the session of a recording.
+    pub fn note(meta: impl IntoIterator<Item = (String, String)>, session: &mut Session) {
+        session.extra.extend(meta.into_iter().map(|(key, value)| (format!("{META}{key}"), value)));
+    }
+}
+
+fn meta(text: &str) -> Result<(String, String), String> {
+    const EXPECTED: &str = "a key of letters, digits, - and _, and a value behind =, such as operator=Ada";
+    let (key, value) = text.split_once('=').ok_or(EXPECTED)?;
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    if key.is_empty() || !key.chars().all(is_plain) || value.trim().is_empty() {
+        return Err(EXPECTED.to_owned());
+    }
+    Ok((key.to_owned(), value.trim().to_owned()))
 }

@@ -3,4 +3,4 @@
 pub mod page;
 pub mod report;
 pub mod terminal;
-mod told;
+pub mod told;

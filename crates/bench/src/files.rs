@@ -77,6 +77,7 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
         FileKind::Airframe => "a rig names it with its key `airframe`",
         FileKind::Mission => "name it with --mission",
         FileKind::ImportMap => "`bench import --map` reads it",
+        FileKind::Suite => "`bench test` flies it",
         FileKind::Mcap => "it is flown data: name it where recordings are wanted",
         // These may be a file of the wanted kind with faults in it, which are told by line and key.
         FileKind::Toml | FileKind::Text | FileKind::Csv | FileKind::Json => return Ok(()),
@@ -88,6 +89,7 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
         Kind::Airframe => kind == FileKind::Airframe,
         Kind::Mission => kind == FileKind::Mission,
         Kind::ImportMap => kind == FileKind::ImportMap,
+        Kind::Suite => kind == FileKind::Suite,
         Kind::BalanceTable => true,
     };
     if is_wanted {
@@ -95,6 +97,14 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
     }
     let article = if wanted == Kind::ImportMap { "an" } else { "a" };
     bail!("{} is {}, and {article} {} is wanted here; {advice}", path.display(), kind.name(), wanted.name())
+}
+
+/// Reads a suite's text: a file, or one of the library by its name. Gives its path as well.
+pub fn suite(named: &Path) -> anyhow::Result<(PathBuf, String)> {
+    let path = find(Kind::Suite, named)?;
+    is_of(Kind::Suite, &path)?;
+    let text = read(&path)?;
+    Ok((path, text))
 }
 
 /// Reads an import map: a file, or one of the library by its name.
@@ -114,7 +124,8 @@ pub fn mission(named: &str, rig: &Path) -> anyhow::Result<Mission> {
     read_mission(&mission_path(named, rig)?)
 }
 
-fn mission_path(named: &str, rig: &Path) -> anyhow::Result<PathBuf> {
+/// The path of a mission that is named by path or by name.
+pub fn mission_path(named: &str, rig: &Path) -> anyhow::Result<PathBuf> {
     let rig = rig_path(rig)?;
     let beside = rig.parent().unwrap_or(Path::new("")).join("missions").join(format!("{named}.toml"));
     let as_path = Path::new(named);

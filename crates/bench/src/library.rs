@@ -21,12 +21,13 @@ pub enum Kind {
     Mission,
     ImportMap,
     BalanceTable,
+    Suite,
 }
 
 impl Kind {
     /// All kinds, in the order in which they are listed.
-    pub const ALL: [Self; 5] =
-        [Self::Rig, Self::Airframe, Self::Mission, Self::ImportMap, Self::BalanceTable];
+    pub const ALL: [Self; 6] =
+        [Self::Rig, Self::Airframe, Self::Mission, Self::ImportMap, Self::BalanceTable, Self::Suite];
 
     /// What one is called.
     pub const fn name(self) -> &'static str {
@@ -36,6 +37,7 @@ impl Kind {
             Self::Mission => "mission",
             Self::ImportMap => "import map",
             Self::BalanceTable => "balance table",
+            Self::Suite => "suite",
         }
     }
 
@@ -47,6 +49,7 @@ impl Kind {
             Self::Mission => "missions",
             Self::ImportMap => "import",
             Self::BalanceTable => "balance",
+            Self::Suite => "suites",
         }
     }
 

@@ -24,6 +24,7 @@ mod report;
 mod schema;
 mod seen;
 mod signals;
+mod suites;
 mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -64,6 +65,8 @@ enum Command {
     Recover(commands::recover::Arguments),
     Import(commands::import::Arguments),
     Report(commands::report::Arguments),
+    Test(commands::test::Arguments),
+    Runs(commands::runs::Arguments),
     Diff(commands::diff::Arguments),
     Blind(commands::blind::Arguments),
     Diagnose(commands::diagnose::Arguments),
@@ -108,6 +111,8 @@ fn main() -> std::process::ExitCode {
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
         Command::Report(arguments) => commands::report::run(&arguments),
+        Command::Test(arguments) => commands::test::run(&arguments),
+        Command::Runs(arguments) => commands::runs::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),
         Command::Identify(arguments) => commands::identify::run(&arguments),

@@ -342,6 +342,11 @@ impl Difference {
     }
 }
 
+/// What of two rigs differs, a line each: key, the first's and the second's.
+pub fn rig_differences(a: &Rig, b: &Rig) -> Vec<String> {
+    differences(a, b).iter().map(Difference::apart).collect()
+}
+
 /// Every key of two rigs that differs, by what stands in their files: new keys are compared without being named here.
 fn differences(a: &Rig, b: &Rig) -> Vec<Difference> {
     let (mut of_a, mut of_b) = (Vec::new(), Vec::new());

@@ -37,12 +37,17 @@ pub fn derived(a: &Path, b: &Path) -> anyhow::Result<Result<Derived, String>> {
         (Err(why), _) => return Ok(Err(format!("A {why}"))),
         (_, Err(why)) => return Ok(Err(format!("B {why}"))),
     };
-    let repeats = cached(&rig, &mission).or_else(|| {
-        let repeats = fly(&rig, &mission)?;
-        keep(&rig, &mission, &repeats);
+    Ok(Ok(of(rig, &mission)))
+}
+
+/// What tolerances are derived from for flights of a mission on a rig, which is the nominal one.
+pub fn of(rig: Rig, mission: &Mission) -> Derived {
+    let repeats = cached(&rig, mission).or_else(|| {
+        let repeats = fly(&rig, mission)?;
+        keep(&rig, mission, &repeats);
         Some(repeats)
     });
-    Ok(Ok(Derived { mission: mission.name, rig, repeats }))
+    Derived { mission: mission.name.clone(), rig, repeats }
 }
 
 /// The nominal rig and the mission that a recording was made with: effects that were added are what a comparison is to show.

@@ -6,6 +6,7 @@ mod page;
 
 use bench_recording::{diff::tolerance_keys, import::ImportMap};
 use bench_rig::{Airframe, Calibration, Mission, Rig, keys::Form};
+use bench_suite::suite_keys;
 use serde_json::Value;
 
 pub use outputs::OUTPUTS;
@@ -19,12 +20,20 @@ pub enum Kind {
     Map,
     Calibration,
     Tolerances,
+    Suite,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Rig, Self::Airframe, Self::Mission, Self::Map, Self::Calibration, Self::Tolerances];
+    pub const ALL: [Self; 7] = [
+        Self::Rig,
+        Self::Airframe,
+        Self::Mission,
+        Self::Map,
+        Self::Calibration,
+        Self::Tolerances,
+        Self::Suite,
+    ];
 
     /// The name of its schema.
     pub const fn name(self) -> &'static str {
@@ -35,6 +44,7 @@ impl Kind {
             Self::Map => "map",
             Self::Calibration => "calibration",
             Self::Tolerances => "tolerances",
+            Self::Suite => "suite",
         }
     }
 
@@ -47,6 +57,7 @@ impl Kind {
             Self::Map => "an import map",
             Self::Calibration => "a calibration",
             Self::Tolerances => "a tolerance file",
+            Self::Suite => "a suite of tests",
         }
     }
 
@@ -59,6 +70,7 @@ impl Kind {
             Self::Map => "Import map: which column of a CSV flight log is what, in which unit",
             Self::Calibration => "Calibration file: where the camera stands and how it sees",
             Self::Tolerances => "Tolerance file: what fields of two recordings may differ by",
+            Self::Suite => "Suite file: which tests are flown, and what each flight is held to",
         }
     }
 
@@ -71,6 +83,7 @@ impl Kind {
             Self::Map => ImportMap::keys(),
             Self::Calibration => Calibration::keys(),
             Self::Tolerances => tolerance_keys(),
+            Self::Suite => suite_keys(),
         }
     }
 

@@ -21,7 +21,12 @@ pub struct Signals {
     interrupt: Signal,
     terminate: Signal,
     hang_up: Signal,
+    parent_ended: Signal,
 }
+
+/// The name of the signal that says that the process which started this one has ended. It may come several times over, once for each
+/// of that process' threads.
+pub const PARENT_ENDED: &str = "the end of the process that started this one";
 
 impl Signals {
     /// To be called within a runtime.
@@ -30,6 +35,7 @@ impl Signals {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
             hang_up: signal(SignalKind::hangup())?,
+            parent_ended: signal(SignalKind::user_defined1())?,
         })
     }
 
@@ -39,6 +45,7 @@ impl Signals {
             _ = self.interrupt.recv() => "Ctrl-C",
             _ = self.terminate.recv() => "SIGTERM",
             _ = self.hang_up.recv() => "SIGHUP",
+            _ = self.parent_ended.recv() => PARENT_ENDED,
         }
     }
 }

@@ -37,6 +37,8 @@ pub enum FileKind {
     Mission,
     /// An import map.
     ImportMap,
+    /// A suite of tests.
+    Suite,
     /// Another TOML file.
     Toml,
     /// An Excel workbook.
@@ -144,6 +146,7 @@ impl FileKind {
         {
             let has = |key: &str| entries.iter().any(|(known, _)| known == key);
             return match () {
+                () if has("case") => Self::Suite,
                 () if has("phase") => Self::Mission,
                 () if has("airframe") || has("tracker") => Self::Rig,
                 () if has("thrust") => Self::Airframe,
@@ -170,6 +173,7 @@ impl FileKind {
             Self::Airframe => "an airframe",
             Self::Mission => "a mission",
             Self::ImportMap => "an import map",
+            Self::Suite => "a suite of tests",
             Self::Toml => "a TOML file",
             Self::Xlsx => "an Excel workbook",
             Self::Zip => "a zip archive",
@@ -223,6 +227,7 @@ impl FileKind {
             Self::Rig | Self::Airframe => "name recordings here, and a rig with --rig".to_owned(),
             Self::Mission => "`bench sim --mission` flies it and records the flight".to_owned(),
             Self::ImportMap => "`bench import --map` reads logs by it".to_owned(),
+            Self::Suite => "`bench test` flies it".to_owned(),
             Self::Zip | Self::Compressed => "unpack it, and name what is in it".to_owned(),
             Self::Toml | Self::Json | Self::Text | Self::Binary => {
                 "name a recording (.mcap); `bench import` makes one of a CSV flight log".to_owned()

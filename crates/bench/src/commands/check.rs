@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::{arguments::Json, exit::Exit, schema::Kind, words};
 
-/// Say whether rigs, airframes, missions, maps, calibrations, tolerance files and recordings are sound, without flying
+/// Say whether rigs, airframes, missions, maps, calibrations, tolerance files, suites and recordings are sound, without flying
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench check my-rig.toml
@@ -46,6 +46,7 @@ enum Wanted {
     Map,
     Calibration,
     Tolerances,
+    Suite,
     Recording,
 }
 
@@ -58,6 +59,7 @@ impl Wanted {
             Self::Map => Some(Kind::Map),
             Self::Calibration => Some(Kind::Calibration),
             Self::Tolerances => Some(Kind::Tolerances),
+            Self::Suite => Some(Kind::Suite),
             Self::Recording => None,
         }
     }
@@ -78,7 +80,7 @@ struct Report {
 struct Checked {
     /// The file.
     file: PathBuf,
-    /// What it is: `rig`, `airframe`, `mission`, `map`, `calibration`, `tolerances` or `recording`; null where it could
+    /// What it is: `rig`, `airframe`, `mission`, `map`, `calibration`, `tolerances`, `suite` or `recording`; null where it could
     /// not be told.
     kind: Option<&'static str>,
     #[serde(skip)]

@@ -23,13 +23,14 @@ use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
 use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
+use rustix::process::set_parent_process_death_signal;
 use tokio::{
     runtime::Runtime,
     sync::mpsc::{UnboundedReceiver, unbounded_channel},
 };
 
 use crate::{
-    arguments::{Force, Json},
+    arguments::{Force, Json, Meta},
     exit::Exit,
     eyes::Eyes,
     files::{self, Form, Outputs},
@@ -38,7 +39,7 @@ use crate::{
     progress,
     recorded::{self, ADDED_EFFECTS},
     seen,
-    signals::Signals,
+    signals::{PARENT_ENDED, Signals},
     words,
 };
 use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
@@ -83,9 +84,14 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
     #[command(flatten)]
+    meta: Meta,
+    #[command(flatten)]
     live: LiveArguments,
     #[command(flatten)]
     foxglove: FoxgloveArguments,
+    /// For who starts this as a process of their own: end the flight when they end, however that comes
+    #[arg(long, hide = true)]
+    end_with_parent: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -127,6 +133,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         let _inside = runtime.enter();
         Signals::catch()?
     };
+    if arguments.end_with_parent {
+        set_parent_process_death_signal(Some(rustix::process::Signal::USR1))
+            .context("cannot ask to be told when the process that started this one ends")?;
+    }
     // The servers' threads are started here, so that they do not inherit the loop's priority.
     let foxglove = arguments.foxglove.open()?;
     let (mut page, ends) = arguments.live.open(|| about(&rig, &mission))?.unzip();
@@ -186,6 +196,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         };
         let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
         recorded::note_changes(&mut session, &changes);
+        Meta::note(arguments.meta.meta.clone(), &mut session);
         let recorder = match recorder(&output, &session, foxglove.as_ref()) {
             Ok(recorder) => recorder,
             Err(error) => {
@@ -287,6 +298,9 @@ async fn watch(
             }
             name = signals.next() => {
                 if stop.swap(true, Ordering::Relaxed) {
+                    if name == PARENT_ENDED {
+                        continue;
+                    }
                     shown.end();
                     eprintln!("{name} again: leaving at once; the board zeroes its outputs by itself within 300 ms");
                     std::process::exit(Exit::Stopped as i32);

@@ -5,6 +5,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use bench_rig::{Mission, Rig, visit};
+use bench_suite::Suite;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
@@ -16,7 +17,7 @@ use crate::{
     progress, words,
 };
 
-/// List the rigs, missions and maps that are built in, or copy one to start from
+/// List the rigs, missions, maps and suites that are built in, or copy one to start from
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -25,7 +26,7 @@ use crate::{
   bench rigs copy virtual            virtual.toml here, and airframes/hubsan-q4.toml beside it
   bench rigs copy missions/hop -o my-hop.toml
 
-A name stands for the built-in file wherever a command takes a rig, mission or map. A file of that
+A name stands for the built-in file wherever a command takes a rig, mission, map or suite. A file of that
 path wins over the name. Names of a kind other than rigs have the kind's folder before them here."
 )]
 pub struct Arguments {
@@ -75,6 +76,7 @@ fn entries() -> anyhow::Result<Vec<(Kind, String, PathBuf, String)>> {
                     format!("airframe {}, loop {} s", rig.airframe.name, rig.control_loop.period_s)
                 }
                 Kind::Mission => Mission::read(&path, &text)?.description,
+                Kind::Suite => Suite::read(&path, &text)?.description,
                 _ => text
                     .lines()
                     .find_map(|line| line.strip_prefix('#'))

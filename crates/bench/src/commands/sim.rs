@@ -19,7 +19,7 @@ use clap::{Args, ValueEnum};
 use tokio::sync::mpsc;
 
 use crate::{
-    arguments::{Force, Json, RigArgument},
+    arguments::{Force, Json, Meta, RigArgument},
     exit::Exit,
     files::{self, Form, Outputs},
     flight::Flight,
@@ -88,6 +88,8 @@ pub struct Arguments {
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
+    #[command(flatten)]
+    meta: Meta,
     #[command(flatten)]
     live: LiveArguments,
     #[command(flatten)]
@@ -160,6 +162,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }
     recorded::note_changes(&mut session, &changes);
+    Meta::note(arguments.meta.meta.clone(), &mut session);
     session.epoch_unix_ns = arguments.epoch.0;
     let observer = foxglove.as_ref().map(Server::observer);
     let mut recorder = Recorder::create_observed(&output, &session, Options::SIMULATION, observer)?;

@@ -49,7 +49,10 @@ pub const OUTPUTS: &[Output] = outputs! {
     "recover" "1",
     "sim" "1",
     "rigs" "1",
+    "runs" "1",
+    "test" "1",
     "track" "1",
+    "trend" "1",
     "tune" "1",
     "verification" "1",
 };

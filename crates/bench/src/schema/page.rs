@@ -12,6 +12,7 @@ pub fn page(file: super::Kind) -> String {
     let head = match file {
         super::Kind::Rig => include_str!("rig.md"),
         super::Kind::Mission => include_str!("mission.md"),
+        super::Kind::Suite => include_str!("suite.md"),
         _ => "",
     };
     let mut sections = Vec::new();

@@ -13,7 +13,11 @@ use bench_rig::{
 };
 
 use super::{Checked, Told, told};
-use crate::schema::Kind;
+use crate::{
+    schema::Kind,
+    suites::{Plan, Selected},
+    words::causes,
+};
 
 /// Checks a text that is a file of keys, if it is one.
 pub fn check(file: &Path, text: &str, wanted: Option<Kind>) -> Checked {
@@ -30,6 +34,7 @@ pub fn check(file: &Path, text: &str, wanted: Option<Kind>) -> Checked {
         Kind::Tolerances => {
             Tolerances::read(file, text).map_or_else(|error| vec![tolerance(file, &error)], |_| Vec::new())
         }
+        Kind::Suite => suite(file),
     };
     Checked { kind: Some(kind.name()), words: kind.words(), problems, ..Checked::default() }
 }
@@ -119,6 +124,17 @@ fn effect(error: &EffectError) -> Told {
         None => (what, None),
     };
     Told { file: at.file, line: Some(at.line), key: Some("effect".to_owned()), what, hint }
+}
+
+/// All that is wrong with a suite and with the rigs and missions that it names. That a board's port is not known yet is no fault of it.
+fn suite(file: &Path) -> Vec<Told> {
+    match Plan::read(file, &Selected::default(), Some(""), &[]) {
+        Ok((_, problems)) => problems.iter().map(Told::from).collect(),
+        Err(error) => match error.downcast_ref::<RigError>() {
+            Some(error) => told(error),
+            None => vec![Told::of(file, causes(&error))],
+        },
+    }
 }
 
 fn map(file: &Path, text: &str) -> Vec<Told> {
