@@ -1,7 +1,7 @@
 //! What a suite has flown so far, a line a flight, so that one that was killed can go on.
 
 use std::{
-    fs::{File, OpenOptions},
+    fs::{File, OpenOptions, TryLockError},
     io::{self, Write as _},
     path::{Path, PathBuf},
 };
@@ -40,6 +40,12 @@ pub enum JournalError {
         /// Why.
         source: io::Error,
     },
+    /// Another process flies into the same folder.
+    #[error("{} is being written by another bench test; wait for it, or name another folder with --output", path.display())]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
     /// It is of another suite, or of the same before it was changed.
     #[error(
         "{} is of a run with another suite, rig, mission, effect or version of the bench; start afresh with --force, or in another folder with --output",
@@ -49,6 +55,14 @@ pub enum JournalError {
         /// The file.
         path: PathBuf,
     },
+}
+
+/// Keeps other processes off a journal for as long as the file is open, which the system ends with the process.
+fn lock(file: &File, path: &Path) -> Result<(), JournalError> {
+    file.try_lock().map_err(|error| match error {
+        TryLockError::WouldBlock => JournalError::InUse { path: path.to_owned() },
+        TryLockError::Error(source) => JournalError::Io { path: path.to_owned(), source },
+    })
 }
 
 /// The open journal. Each flight is one write at its end, which a killed process has either made or not.
@@ -62,7 +76,9 @@ impl Journal {
     /// Begins a journal. `of` stands for all that decides what is flown.
     pub fn begin(path: &Path, of: &str) -> Result<Self, JournalError> {
         let failed = |source| JournalError::Io { path: path.to_owned(), source };
-        let file = File::create(path).map_err(failed)?;
+        let file = OpenOptions::new().write(true).create(true).truncate(false).open(path).map_err(failed)?;
+        lock(&file, path)?;
+        file.set_len(0).map_err(failed)?;
         let mut journal = Self { path: path.to_owned(), file };
         journal.line(&Head { journal: FORM.to_owned(), of: of.to_owned() })?;
         Ok(journal)
@@ -72,6 +88,8 @@ impl Journal {
     pub fn resume(path: &Path, of: &str) -> Result<(Self, Vec<Kept>), JournalError> {
         let failed = |source| JournalError::Io { path: path.to_owned(), source };
         let other = || JournalError::Other { path: path.to_owned() };
+        let file = OpenOptions::new().append(true).open(path).map_err(failed)?;
+        lock(&file, path)?;
         let text = std::fs::read_to_string(path).map_err(failed)?;
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
         let mut lines = text[..whole].lines();
@@ -80,7 +98,6 @@ impl Journal {
             return Err(other());
         }
         let kept = lines.map(serde_json::from_str).collect::<Result<Vec<Kept>, _>>().map_err(|_| other())?;
-        let file = OpenOptions::new().append(true).open(path).map_err(failed)?;
         file.set_len(whole as u64).map_err(failed)?;
         Ok((Self { path: path.to_owned(), file }, kept))
     }

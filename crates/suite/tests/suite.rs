@@ -245,6 +245,10 @@ fn a_journal_gives_back_what_it_was_given_and_refuses_another_suite() {
     let (mut journal, found) = Journal::resume(&path, "digest").unwrap();
     assert_eq!(found, std::slice::from_ref(&kept));
     journal.keep(&kept).unwrap();
+    // Another process, which has the file open by itself, neither goes on with it nor begins it anew.
+    assert!(matches!(Journal::resume(&path, "digest"), Err(JournalError::InUse { .. })));
+    assert!(matches!(Journal::begin(&path, "digest"), Err(JournalError::InUse { .. })));
+    drop(journal);
     assert_eq!(Journal::resume(&path, "digest").unwrap().1.len(), 2);
     assert!(matches!(Journal::resume(&path, "another"), Err(JournalError::Other { .. })));
     std::fs::write(&path, "no journal").unwrap();

@@ -76,6 +76,7 @@ impl Folder {
             });
             return Ok((journal, kept));
         }
+        let journal = Journal::begin(&path, digest)?;
         for name in [JSON, JUNIT, MARKDOWN, PAGE] {
             // What is left of a run before must not be taken for this one's.
             match fs::remove_file(self.0.join(name)) {
@@ -89,7 +90,7 @@ impl Folder {
         let recordings = self.0.join(RECORDINGS);
         fs::create_dir_all(&recordings)
             .with_context(|| format!("cannot make the folder {}", recordings.display()))?;
-        Ok((Journal::begin(&path, digest)?, Vec::new()))
+        Ok((journal, Vec::new()))
     }
 
     /// Writes all reports.
