@@ -8,7 +8,10 @@
 //! The equations are in `docs/diagnosis.md`, under "Evidence".
 
 mod consistency;
+mod coordinate;
+mod descent;
 mod fit;
+mod promise;
 mod pulse;
 mod random;
 mod region;
@@ -16,7 +19,9 @@ mod search;
 mod settle;
 
 pub use consistency::Consistency;
-pub use fit::{Fit, Free, Problem, directions, limited_step, project};
+pub use coordinate::{Free, directions, project};
+pub use descent::limited_step;
+pub use fit::{Fit, Problem};
 pub use pulse::pulses;
 pub use region::{Region, Regions, Waves, own_axes, regions, waves};
 pub use search::{MANY_FLIGHTS, Search, fitted_effects};

@@ -3,7 +3,10 @@
 use bench_filter::{Noise, Point, spread};
 use bench_plant::effects::{LIBRARY, Spread};
 
-use crate::fit::{Fit, Free, Problem, effect_coordinates, every_choice};
+use crate::{
+    coordinate::{Free, effect_coordinates, every_choice},
+    fit::{Fit, Problem},
+};
 
 /// Nearer than this, beside more noise, wrong places are its tails.
 const TAIL_SIGMAS: f64 = 6.0;

@@ -11,7 +11,10 @@ use bench_plant::effects::{Axis, LIBRARY};
 use bench_statistics::{evenly_in_log, ln_det};
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
-use crate::fit::{Fit, Problem, directions, project};
+use crate::{
+    coordinate::{directions, project},
+    fit::{Fit, Problem},
+};
 
 /// A free acceleration over one quantity.
 #[derive(Clone, Debug)]

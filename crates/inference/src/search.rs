@@ -7,7 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::{
-    fit::{Descent, Fit, MAX_PASSES, Problem, Promise, WORTH},
+    descent::{Descent, MAX_PASSES, WORTH},
+    fit::{Fit, Problem},
+    promise::Promise,
     random,
     settle::settle,
 };
