@@ -239,6 +239,15 @@ pub(crate) const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
 const SET_PROBABILITY: f64 = 0.9;
 
+/// What is said of a fit whose posterior has no width.
+fn undetermined(fit: &Fit) -> String {
+    let names: Vec<&str> = fit.effects().iter().map(|effect| LIBRARY[*effect].name).collect();
+    let of = if names.is_empty() { "the rig without an effect".to_owned() } else { names.join(" and ") };
+    format!(
+        "these flights do not determine the numbers of {of}: their information has no inverse, so intervals are those before any flight and there is no evidence; give tolerances that are not zero, or flights that move"
+    )
+}
+
 impl Diagnosis {
     /// Diagnoses flights that were all flown on one rig. There must be at least one.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
@@ -302,7 +311,7 @@ impl Diagnosis {
             next: next(verdict, &candidates, &group),
             next_flight: None,
             group,
-            warnings: Vec::new(),
+            warnings: [null, best].into_iter().filter(|fit| fit.is_singular()).map(undetermined).collect(),
             candidates,
         }
     }

@@ -182,8 +182,11 @@ struct Look {
 impl Look {
     fn into_fit(self, free: Vec<Free>) -> Fit {
         let log_evidence = log_evidence(self.objective, &free, &self.hessian);
-        let covariance =
-            self.hessian.clone().try_inverse().unwrap_or_else(|| DMatrix::zeros(free.len(), free.len()));
+        let inverse = self.hessian.clone().try_inverse().filter(|_| log_evidence.is_finite());
+        // Flights that do not say how far a number is off leave it as vague as it was before.
+        let covariance = inverse.unwrap_or_else(|| {
+            DMatrix::from_diagonal(&DVector::from_iterator(free.len(), free.iter().map(|f| f.sigma.powi(2))))
+        });
         Fit {
             point: self.point,
             noise: self.noise,
@@ -257,4 +260,46 @@ fn hold(hessian: &mut DMatrix<f64>, gradient: &mut DVector<f64>, i: usize, at: f
     hessian.column_mut(i).fill(0.0);
     hessian[(i, i)] = 1.0;
     gradient[i] = at;
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use bench_filter::Coordinate;
+    use bench_plant::effects::RigNumber;
+    use bench_rig::Rig;
+
+    use super::*;
+
+    #[test]
+    fn numbers_whose_posterior_has_no_width_keep_that_of_their_prior_and_have_no_evidence() {
+        let free = |number: RigNumber, sigma: f64| Free {
+            at: Coordinate::Nuisance(number),
+            logarithmic: false,
+            mean: 0.0,
+            sigma,
+            range: (-1.0, 1.0),
+        };
+        let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml");
+        let rig = Rig::load(&rig).unwrap();
+        let look = |hessian: DMatrix<f64>| Look {
+            point: Point::nominal(&rig).0,
+            noise: Noise::nominal(&rig),
+            pass: Pass::default(),
+            gradient: DVector::zeros(2),
+            hessian,
+            noise_step: (0.0, 0.0, 0.0),
+            objective: 1.0,
+        };
+        let numbers = || vec![free(RigNumber::Mass, 0.5), free(RigNumber::Drag, 0.25)];
+        for wrong in [[1.0, 1.0, 1.0, 1.0], [1.0, 2.0, 2.0, 1.0], [f64::NAN, 0.0, 0.0, 1.0]] {
+            let fit = look(DMatrix::from_row_slice(2, 2, &wrong)).into_fit(numbers());
+            assert!(fit.is_singular(), "{wrong:?}");
+            assert_eq!(fit.covariance, DMatrix::from_row_slice(2, 2, &[0.25, 0.0, 0.0, 0.0625]), "{wrong:?}");
+        }
+        let fit = look(DMatrix::from_row_slice(2, 2, &[4.0, 0.0, 0.0, 16.0])).into_fit(numbers());
+        assert!(!fit.is_singular());
+        assert_eq!(fit.covariance, DMatrix::from_row_slice(2, 2, &[0.25, 0.0, 0.0, 0.0625]));
+    }
 }

@@ -46,7 +46,7 @@ pub struct Fit {
     pub random_ln: f64,
     /// Hessian of the negative log-posterior over the free coordinates, each in its own scale.
     pub hessian: DMatrix<f64>,
-    /// Its inverse.
+    /// Its inverse; the priors' variances where it has none ([`Fit::is_singular`]).
     pub covariance: DMatrix<f64>,
     /// The negative log-posterior, but for constants.
     pub objective: f64,
@@ -60,6 +60,11 @@ impl Fit {
     /// The effects' library indices.
     pub fn effects(&self) -> Vec<usize> {
         self.point.effect_indices()
+    }
+
+    /// Whether the Hessian is not positive definite: the flights then do not say how far the numbers are off, and the fit has no evidence.
+    pub fn is_singular(&self) -> bool {
+        !self.log_evidence.is_finite()
     }
 
     /// Noise with what the point's random effects add.
