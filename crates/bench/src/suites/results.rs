@@ -76,6 +76,9 @@ impl Folder {
             });
             return Ok((journal, kept));
         }
+        let recordings = self.0.join(RECORDINGS);
+        fs::create_dir_all(&recordings)
+            .with_context(|| format!("cannot make the folder {}", recordings.display()))?;
         let journal = Journal::begin(&path, digest)?;
         for name in [JSON, JUNIT, MARKDOWN, PAGE] {
             // What is left of a run before must not be taken for this one's.
@@ -87,9 +90,6 @@ impl Folder {
                 _ => {}
             }
         }
-        let recordings = self.0.join(RECORDINGS);
-        fs::create_dir_all(&recordings)
-            .with_context(|| format!("cannot make the folder {}", recordings.display()))?;
         Ok((journal, Vec::new()))
     }
 
