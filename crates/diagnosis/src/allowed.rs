@@ -99,7 +99,7 @@ pub fn ahead(problem: &Problem<'_>, best: &Fit) -> Option<Ahead> {
 fn noise_m2(problem: &Problem<'_>) -> f64 {
     let (n, t) = (&problem.noise, HORIZONS_S[HORIZON]);
     let pushed = 0.5 * t * t;
-    n.sighting_m.powi(2)
+    n.measurement_m.powi(2)
         + n.acceleration.powi(2) * t.powi(3) / 3.0
         + (n.trim.powi(2) + n.turbulence.powi(2)) * pushed * pushed
 }

@@ -1,6 +1,6 @@
 //! How evidence becomes probability.
 //!
-//! Evidence counts divided by a temperature: sightings are not as independent, nor laws as exact, as the likelihood
+//! Evidence counts divided by a temperature: measurements are not as independent, nor laws as exact, as the likelihood
 //! thinks. Prior weights say how often a kind of cause is met.
 
 use bench_plant::effects::LIBRARY;

@@ -155,10 +155,12 @@ pub struct NoiseTold {
     pub turbulence_m_s2: f64,
     /// For how long it remembers, s.
     pub turbulence_time_s: f64,
-    /// One sigma of a sighting, m.
-    pub sighting_m: f64,
+    /// One sigma of a measurement, m.
+    #[serde(rename = "sighting_m")]
+    pub measurement_m: f64,
     /// The same as the rig says, rounding included.
-    pub sighting_nominal_m: f64,
+    #[serde(rename = "sighting_nominal_m")]
+    pub measurement_nominal_m: f64,
 }
 
 /// Where the gap lies.
@@ -226,13 +228,14 @@ pub struct RegionTold {
 pub struct FlightUsed {
     /// Its name.
     pub name: String,
-    /// Sightings held against a prediction.
-    pub sightings: usize,
+    /// Measurements held against a prediction.
+    #[serde(rename = "sightings")]
+    pub measurements: usize,
 }
 
 /// Sigmas of an interval of 90 %,
 const INTERVAL_SIGMAS: f64 = 1.645;
-/// and by how much sigma is wider, for sightings that are not quite independent.
+/// and by how much sigma is wider, for measurements that are not quite independent.
 const WIDENED: f64 = 1.2;
 /// One sigma of what another form of a law makes of its parameters, as a fraction: learnt with the calibration.
 pub(crate) const FORM_SIGMA: f64 = 0.25;
@@ -294,8 +297,8 @@ impl Diagnosis {
             noise: NoiseTold {
                 turbulence_m_s2: null.noise.turbulence,
                 turbulence_time_s: null.noise.turbulence_time_s,
-                sighting_m: null.noise.sighting_m,
-                sighting_nominal_m: problem.noise.sighting_m,
+                measurement_m: null.noise.measurement_m,
+                measurement_nominal_m: problem.noise.measurement_m,
             },
             disagreement: disagreement(problem, best, &simpler, calibration.temperature),
             ahead: ahead(problem, best),
@@ -306,7 +309,7 @@ impl Diagnosis {
             flights: problem
                 .tracks
                 .iter()
-                .map(|track| FlightUsed { name: track.name.clone(), sightings: track.counted() })
+                .map(|track| FlightUsed { name: track.name.clone(), measurements: track.counted() })
                 .collect(),
             next: next(verdict, &candidates, &group),
             next_flight: None,

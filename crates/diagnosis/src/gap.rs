@@ -36,7 +36,7 @@ impl Figure {
 /// The gap at four levels: the rig as it is, its numbers re-fitted, with the effect, and what is left to noise.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Gap {
-    /// Negative log-likelihood a sighting.
+    /// Negative log-likelihood a measurement.
     pub metric: &'static str,
     /// The rig as it is.
     pub nominal: Figure,
@@ -73,9 +73,10 @@ pub struct KStep {
 pub struct FlightGap {
     /// Its name.
     pub name: String,
-    /// Sightings held against a prediction.
-    pub sightings: usize,
-    /// Negative log-likelihood a sighting: the rig as it is, re-fitted, with the effect, floor.
+    /// Measurements held against a prediction.
+    #[serde(rename = "sightings")]
+    pub measurements: usize,
+    /// Negative log-likelihood a measurement: the rig as it is, re-fitted, with the effect, floor.
     pub nll: [f64; 4],
     /// How the rig as it is predicts it.
     pub nominal: Consistency,
@@ -88,7 +89,7 @@ const LEAST_FLIGHTS: usize = 3;
 
 /// What one flight adds up to at the levels rig, re-fitted, with effect.
 struct Sums {
-    sightings: f64,
+    measurements: f64,
     nll: [f64; 3],
     floor: f64,
     /// Level, horizon: sum of squares and number.
@@ -125,10 +126,10 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         .zip(&flown)
         .zip(&sums)
         .map(|((track, passes), sums)| flight_gap(track, passes, sums));
-    let level = |k: usize| figure(&sums, |all| total(all, |s| s.nll[k]) / total(all, |s| s.sightings));
-    let floor_of = |all: &[&Sums]| total(all, |s| s.floor) / total(all, |s| s.sightings);
+    let level = |k: usize| figure(&sums, |all| total(all, |s| s.nll[k]) / total(all, |s| s.measurements));
+    let floor_of = |all: &[&Sums]| total(all, |s| s.floor) / total(all, |s| s.measurements);
     let closure_of = |all: &[&Sums]| {
-        let n = total(all, |s| s.sightings);
+        let n = total(all, |s| s.measurements);
         let (before, after) = (total(all, |s| s.nll[1]) / n, total(all, |s| s.nll[2]) / n);
         let above = before - floor_of(all);
         if above > 1e-6 { ((before - after) / above).clamp(-1.0, 1.0) } else { 0.0 }
@@ -169,8 +170,8 @@ fn figure(sums: &[Sums], of: impl Fn(&[&Sums]) -> f64) -> Figure {
 fn sums(passes: &[Prediction; 3]) -> Sums {
     let right = &passes[2].innovations;
     Sums {
-        sightings: right.len() as f64,
-        // Of sightings alone: what was felt on board is another unit.
+        measurements: right.len() as f64,
+        // Of measurements alone: what was felt on board is another unit.
         nll: [0, 1, 2].map(|k| passes[k].innovations.iter().map(|i| i.nll).sum()),
         floor: right.iter().map(|i| 0.5 + 0.5 * i.variance_m2.ln()).sum(),
         predictions: [0, 1, 2].map(|k| passes[k].k_step.map(|(sum, n)| (sum, f64::from(n)))),
@@ -178,10 +179,10 @@ fn sums(passes: &[Prediction; 3]) -> Sums {
 }
 
 fn flight_gap(track: &Track, passes: &[Prediction; 3], sums: &Sums) -> FlightGap {
-    let n = sums.sightings.max(1.0);
+    let n = sums.measurements.max(1.0);
     FlightGap {
         name: track.name.clone(),
-        sightings: passes[2].innovations.len(),
+        measurements: passes[2].innovations.len(),
         nll: [sums.nll[0] / n, sums.nll[1] / n, sums.nll[2] / n, sums.floor / n],
         nominal: Consistency::of(&passes[0].innovations),
         with_effect: Consistency::of(&passes[2].innovations),

@@ -7,8 +7,8 @@ use bench_plant::effects::LIBRARY;
 
 /// Cosine beyond which two effects count as one.
 const SAME: f64 = 0.8;
-/// The same of lags and delays: a lag of the pins, of the rotors, of the sightings differ by where they begin and by their
-/// order, and those of an airframe are of any order. A pure delay of the pins is one of the sightings.
+/// The same of lags and delays: a lag of the pins, of the rotors, of the measurements differ by where they begin and by their
+/// order, and those of an airframe are of any order. A pure delay of the pins is one of the measurements.
 const SAME_LAG: f64 = 0.25;
 
 /// Cosine beyond which these two count as one.

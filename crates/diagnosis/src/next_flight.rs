@@ -72,7 +72,7 @@ pub enum NextFlightError {
     },
     /// It does not move the airframe.
     #[error(
-        "no next flight: {effect} does not show in how altitude follows throttle but in readbacks, ticks, frames or the spread of sightings, which any flight has; fly longer instead"
+        "no next flight: {effect} does not show in how altitude follows throttle but in readbacks, ticks, frames or the spread of measurements, which any flight has; fly longer instead"
     )]
     NoLaw {
         /// The effect.

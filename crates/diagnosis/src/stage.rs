@@ -142,8 +142,8 @@ fn as_scheduled(track: &mut Track) {
 }
 
 fn as_believed(track: &mut Track) {
-    for sighting in &mut track.sightings {
-        sighting.exposed_s = sighting.believed_s;
+    for measurement in &mut track.measurements {
+        measurement.exposed_s = measurement.believed_s;
     }
 }
 

@@ -52,10 +52,10 @@ const LAW_ON_NOISE: (f64, f64) = (4.0, 0.0005);
 const LAW_ON_LOST: (f64, f64) = (4.0, 0.02);
 /// a law on top of gusts, which are never quite the model's,
 const LAW_ON_GUSTS: (f64, f64) = (6.0, 0.2);
-/// two kinds of noise, which spread sightings each in its own way,
+/// two kinds of noise, which spread measurements each in its own way,
 const NOISE_ON_NOISE: (f64, f64) = (8.0, 0.001);
-/// but for those that make sightings late or strange, of whose spread each takes in what the other's form leaves, the more so
-const ODD_SIGHTINGS: (f64, f64) = (8.0, 0.03);
+/// but for those that make measurements late or strange, of whose spread each takes in what the other's form leaves, the more so
+const ODD_MEASUREMENTS: (f64, f64) = (8.0, 0.03);
 /// where most of them are lost, whose ages are known the least,
 const ODD_AMONG_LOST: (f64, f64) = (8.0, 0.08);
 /// and one beside a channel that was read wrongly by a law of another form, when the flight is fed with that.
@@ -488,7 +488,7 @@ fn forgiven(search: &Search, fit: usize, effects: &[usize], crowd: f64) -> f64 {
             |effect: &usize| spread(*effect) == Some(Spread::LostFrames) && search.alone(&[*effect]) >= first;
         match (odd, effects.iter().any(lost)) {
             (true, true) => ODD_AMONG_LOST,
-            (true, false) => ODD_SIGHTINGS,
+            (true, false) => ODD_MEASUREMENTS,
             (false, _) => NOISE_ON_NOISE,
         }
     } else if search.alone(&[noise]) >= search.alone(&[law]) {
@@ -636,7 +636,7 @@ impl Forgiven {
             offset: nats + of_gain(FORGIVEN_OFFSETS_SHARE),
             number: nats + of_gain(FORGIVEN_OFFSETS_SHARE),
             fading: crowd * FORGIVEN_OF_FADING.0 + FORGIVEN_OF_FADING.1 * gain,
-            // A law of another form leaves some too, and sightings that are wrong or old; wind does not.
+            // A law of another form leaves some too, and measurements that are wrong or old; wind does not.
             pulses: crowd * FORGIVEN_PULSES_NATS + FORGIVEN_SHARE * (gain - of_wind),
         }
     }

@@ -25,7 +25,7 @@ fn diagnose(effect: Option<&str>) -> Diagnosis {
             Track::from_flight("steps", &flight, &nominal).unwrap().above(0.15, &nominal).unwrap()
         })
         .collect();
-    assert!(tracks.iter().flat_map(|t| &t.sightings).all(|s| !(s.counts && s.z_m < 0.15)));
+    assert!(tracks.iter().flat_map(|t| &t.measurements).all(|s| !(s.counts && s.z_m < 0.15)));
     Diagnosis::of(&Problem::new(&tracks, &nominal), &Calibration::built_in())
 }
 
@@ -43,7 +43,7 @@ fn what_is_below_neither_raises_an_alarm_nor_hides_an_effect() {
 fn a_flight_that_is_never_so_high_is_too_short() {
     let rig = rig();
     let track = Track::from_flight("steps", &fly(&rig, "steps", 1), &rig).unwrap();
-    assert!(matches!(track.above(3.0, &rig), Err(TrackError::TooShort { sightings: 0, .. })));
+    assert!(matches!(track.above(3.0, &rig), Err(TrackError::TooShort { measurements: 0, .. })));
 }
 
 #[test]
@@ -59,9 +59,9 @@ fn a_log_denser_than_the_frames_is_thinned_and_its_tears_do_not_count() {
     }
     rig.tracker.frame_period_s = 0.1;
     let track = Track::from_flight("torn", &flight, &rig).unwrap();
-    let gaps = track.sightings.windows(2).map(|pair| pair[1].exposed_s - pair[0].exposed_s);
+    let gaps = track.measurements.windows(2).map(|pair| pair[1].exposed_s - pair[0].exposed_s);
     assert!(gaps.into_iter().all(|gap| gap > 0.09));
-    let carried: Vec<f64> = track.sightings.iter().filter(|s| s.carried).map(|s| s.exposed_s).collect();
+    let carried: Vec<f64> = track.measurements.iter().filter(|s| s.carried).map(|s| s.exposed_s).collect();
     assert!(!carried.is_empty());
     assert!(carried.iter().any(|time_s| (time_s - torn_s).abs() < 0.2), "{carried:?}");
 }

@@ -122,7 +122,7 @@ fn a_ceiling_that_is_hit_is_found_where_it_hangs() {
 
 #[test]
 fn a_ceiling_that_flights_stick_to_is_found_where_it_hangs() {
-    // It draws the airframe so hard that it comes away late. Where flights are held, sightings scatter about the ceiling: the highest is
+    // It draws the airframe so hard that it comes away late. Where flights are held, measurements scatter about the ceiling: the highest is
     // off by more than what a fit finds back from.
     let diagnosis = diagnose(&["ceiling-effect:gain=0.24,ceiling_m=0.6186,decay_m=0.05,exponent=1.9"]);
     assert_eq!(diagnosis.effects, ["ceiling-effect"], "{:#?}", &diagnosis.candidates[..2]);
@@ -212,7 +212,7 @@ fn flights_that_bounce_in_the_ground_effect_leave_nothing_once_their_law_is_know
     let tracks: Vec<Track> =
         (1..=8).map(|seed| Track::from_flight("steps", &fly(&real, "steps", seed), &real).unwrap()).collect();
     let bounces = |track: &Track| {
-        track.sightings.windows(2).filter(|pair| pair[0].z_m > 0.1 && pair[1].z_m < 0.1).count()
+        track.measurements.windows(2).filter(|pair| pair[0].z_m > 0.1 && pair[1].z_m < 0.1).count()
     };
     assert!(
         tracks.iter().map(bounces).sum::<usize>() > 40,
@@ -526,7 +526,7 @@ fn a_marker_that_moves_as_the_motors_work_is_no_known_effect() {
     let shaken = |shift_at_twice_the_weight_m: f64| {
         let mut tracks = tracks(&rig, &rig);
         for track in &mut tracks {
-            for seen in &mut track.sightings {
+            for seen in &mut track.measurements {
                 let at = track.inputs.partition_point(|input| input.time_s <= seen.exposed_s);
                 let throttle = at.checked_sub(1).map_or(0.0, |at| track.inputs[at].throttle);
                 let load = rig.airframe.thrust_n(throttle) / rig.airframe.weight_n();

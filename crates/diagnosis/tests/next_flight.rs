@@ -145,8 +145,11 @@ fn every_flight_of_a_search_stays_inside_the_envelope_of_the_rig() {
     let air_s: f64 = next.mission.duration_s() - 1.0;
     assert!(air_s <= 24.0, "{air_s} s in {:?}", next.mission);
     // `track` sees to it that no safety stop ended the flight.
-    let peak_m =
-        track(&real, &next.mission, 5).sightings.iter().map(|sighting| sighting.z_m).fold(0.0, f64::max);
+    let peak_m = track(&real, &next.mission, 5)
+        .measurements
+        .iter()
+        .map(|measurement| measurement.z_m)
+        .fold(0.0, f64::max);
     assert!(peak_m < 0.9, "{peak_m} m");
 }
 

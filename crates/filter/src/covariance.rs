@@ -72,7 +72,7 @@ pub(crate) fn lift_off_covariance(p: &mut Covariance, lift_off_m_s: f64) {
 pub(crate) fn reset_covariance(p: &mut Covariance, noise: &Noise) {
     let trim = p[2][2];
     *p = [[0.0; 4]; 4];
-    p[0][0] = noise.sighting_m.powi(2);
+    p[0][0] = noise.measurement_m.powi(2);
     p[1][1] = CARRIED_M_S.powi(2);
     p[2][2] = trim;
     p[3][3] = noise.turbulence.powi(2);

@@ -18,7 +18,7 @@ pub enum Direction {
     /// An acceleration of 1 m/s^2 upwards at one end of a play of the thrust, of such a width over the weight, downwards at the
     /// other, and in proportion between: at the upper end once the throttle has risen through it.
     Play(f64),
-    /// A free offset of sightings.
+    /// A free offset of measurements.
     Seen(Seen),
     /// A free acceleration of 1 m/s^2 where a quantity is near a knot, falling linearly to its neighbours.
     Hat(Hat),

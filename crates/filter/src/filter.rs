@@ -13,7 +13,7 @@ use crate::{
     measurement::{AltitudeMeasurement, Scored},
     noise::Noise,
     passenger::{Flown, Measured, Passenger, Propagated, Reset, Updated},
-    track::{Felt, Sighting, Track, held},
+    track::{Felt, Measurement, Track, held},
 };
 
 /// Time constant against which a change of thrust is taken, s.
@@ -41,7 +41,7 @@ const NEAR_HEIGHTS: f64 = 3.0;
 pub const NEAR_GROUND_M: f64 = 0.07;
 /// Seen so many sigma above a ceiling, twice in a row, an airframe was not stopped by it.
 const ABOVE_SIGMAS: f64 = 3.0;
-/// The speed of an airframe that is carried is taken from sightings so close, s.
+/// The speed of an airframe that is carried is taken from measurements so close, s.
 const SPEED_WITHIN_S: f64 = 0.3;
 
 /// What hats and plays look at, besides the state.
@@ -65,11 +65,11 @@ struct Filter {
     /// Whether the airframe is carried, and where and when it was last seen so.
     carried: bool,
     carried_at: Option<(f64, f64)>,
-    /// Whether the last sighting counted.
+    /// Whether the last measurement counted.
     counting: bool,
     /// When and where the airframe was last seen.
     last_seen: Option<(f64, f64)>,
-    /// How probably the last sighting was of an older frame than its own.
+    /// How probably the last measurement was of an older frame than its own.
     stale: f64,
     /// Negative log-likelihood.
     nll: f64,
@@ -148,9 +148,9 @@ impl Filter {
         let late = self.law.view.latency_s - rig.tracker.latency_s.value;
         let feels = self.noise.velocity_m_s.max(self.noise.acceleration_m_s2) > 0.0;
         let mut felt = if feels && learns_from == LearnsFrom::All { track.felt.as_slice() } else { &[] };
-        for sighting in &track.sightings {
-            self.carried = sighting.carried;
-            let at = sighting.exposed_s - late;
+        for measurement in &track.measurements {
+            self.carried = measurement.carried;
+            let at = measurement.exposed_s - late;
             while now < at {
                 self.look_at_channels(track, now);
                 let until = at.min(felt.first().map_or(f64::INFINITY, |felt| felt.time_s.max(now)));
@@ -163,9 +163,9 @@ impl Filter {
                 }
             }
             if self.carried {
-                self.reset_to_measurement(sighting, passengers);
+                self.reset_to_measurement(measurement, passengers);
             } else {
-                self.measurement_update(sighting, track.timing_s, passengers);
+                self.measurement_update(measurement, track.timing_s, passengers);
             }
         }
     }
@@ -341,48 +341,53 @@ impl Filter {
     }
 
     /// Takes the airframe to be where it is seen. What a flight keeps, its trim, is kept; the rest begins anew.
-    fn reset_to_measurement(&mut self, sighting: &Sighting, passengers: &mut impl Passenger) {
-        let z = self.law.view.altitude_m(sighting.z_m).max(0.0);
-        let speed = self.carried_at.replace((sighting.exposed_s, z)).map_or(0.0, |(time_s, from)| {
-            let since_s = sighting.exposed_s - time_s;
+    fn reset_to_measurement(&mut self, measurement: &Measurement, passengers: &mut impl Passenger) {
+        let z = self.law.view.altitude_m(measurement.z_m).max(0.0);
+        let speed = self.carried_at.replace((measurement.exposed_s, z)).map_or(0.0, |(time_s, from)| {
+            let since_s = measurement.exposed_s - time_s;
             if (1e-4..SPEED_WITHIN_S).contains(&since_s) { (z - from) / since_s } else { 0.0 }
         });
         let v = speed.clamp(-CARRIED_M_S, CARRIED_M_S);
         self.x = [z, v, self.x[2], 0.0];
         self.standing = false;
         reset_covariance(&mut self.p, &self.noise);
-        passengers.reset(&Reset::Carried { law: &self.law, exposed_s: sighting.exposed_s, at: [z, v] });
+        passengers.reset(&Reset::Carried { law: &self.law, exposed_s: measurement.exposed_s, at: [z, v] });
     }
 
-    /// Holds a sighting against its prediction and learns from it.
-    fn measurement_update(&mut self, sighting: &Sighting, timing_s: f64, passengers: &mut impl Passenger) {
+    /// Holds a measurement against its prediction and learns from it.
+    fn measurement_update(
+        &mut self,
+        measurement: &Measurement,
+        timing_s: f64,
+        passengers: &mut impl Passenger,
+    ) {
         let [z, v, ..] = self.x;
         let (factor, predicted_m) = (self.law.view.slope(z), self.law.view.seen_m(z));
-        let residual = sighting.z_m - predicted_m;
+        let residual = measurement.z_m - predicted_m;
         let (last_s, last_m) = self.last_seen.unwrap_or((f64::MIN, f64::NAN));
         let of = AltitudeMeasurement {
             factor,
             speed_m_s: v,
             timing_s,
-            repeats: last_m == sighting.z_m,
+            repeats: last_m == measurement.z_m,
             flies: last_m > NEAR_GROUND_M,
             from_last_m: last_m - predicted_m,
             step_m: self.step_m,
             frame_s: self.frame_s,
-            since_s: sighting.exposed_s - last_s,
+            since_s: measurement.exposed_s - last_s,
         };
-        self.last_seen = Some((sighting.exposed_s, sighting.z_m));
+        self.last_seen = Some((measurement.exposed_s, measurement.z_m));
         let scored = of.score(&self.p, &self.noise, residual, self.stale);
         self.stale = scored.stale;
-        self.counting = sighting.counts;
+        self.counting = measurement.counts;
         let (x, p, axes) = (self.x, self.p, self.axes());
         let gain = update_by_altitude(&mut self.p, factor, &scored);
         let below_ceiling_m = self.ceiling_m - z;
-        let measured = Measured::Altitude { sighting, of: &of, predicted_m, below_ceiling_m };
+        let measured = Measured::Altitude { measurement, of: &of, predicted_m, below_ceiling_m };
         self.state_update(measured, residual, scored, (&x, &p), gain, &axes, passengers);
     }
 
-    /// Holds what was felt on board against its prediction and learns from it, where a sighting would count.
+    /// Holds what was felt on board against its prediction and learns from it, where a measurement would count.
     fn on_board_update(&mut self, felt: &Felt, passengers: &mut impl Passenger) {
         if self.standing || self.carried || !self.counting {
             return;
@@ -478,7 +483,7 @@ fn kept(x: f64) -> f64 {
 
 /// Where a law's ceiling stops the airframe, m: not where it was seen above.
 fn stopping_m(law: &Law, track: &Track, noise: &Noise) -> f64 {
-    let above_m = law.view.seen_m(law.ceiling_m) + ABOVE_SIGMAS * noise.sighting_m;
+    let above_m = law.view.seen_m(law.ceiling_m) + ABOVE_SIGMAS * noise.measurement_m;
     if law.ceiling_m.is_finite() && track.highest_m() > above_m { f64::INFINITY } else { law.ceiling_m }
 }
 
@@ -496,21 +501,25 @@ mod tests {
         let mut point = Point::nominal(&rig).0;
         let noise = Noise::nominal(&rig);
         let seen = |altitudes: &[f64]| {
-            let sighting = |z_m: &f64| Sighting {
+            let measurement = |z_m: &f64| Measurement {
                 exposed_s: 0.0,
                 believed_s: 0.0,
                 z_m: *z_m,
                 counts: true,
                 carried: false,
             };
-            Track { sightings: altitudes.iter().map(sighting).collect(), ..Track::default() }
+            Track { measurements: altitudes.iter().map(measurement).collect(), ..Track::default() }
         };
         let below = seen(&[0.3, 0.705, 0.705, 0.5]);
         assert_eq!(stopping_m(&Law::new(&point, &rig), &below, &noise), f64::INFINITY);
         point.effects = vec![(index_of("ceiling-effect").unwrap(), vec![0.1, 0.7, 0.05, 1.0])];
         let law = Law::new(&point, &rig);
         assert_eq!(stopping_m(&law, &below, &noise), 0.7, "half a centimetre above is within three sigma");
-        assert_eq!(stopping_m(&law, &seen(&[0.5, 0.9, 0.5]), &noise), 0.7, "one sighting may be of anything");
+        assert_eq!(
+            stopping_m(&law, &seen(&[0.5, 0.9, 0.5]), &noise),
+            0.7,
+            "one measurement may be of anything"
+        );
         assert_eq!(stopping_m(&law, &seen(&[0.5, 0.9, 0.9, 0.5]), &noise), f64::INFINITY);
     }
 }

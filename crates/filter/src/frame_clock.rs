@@ -146,7 +146,7 @@ const PERIOD_FRAMES: usize = 1000;
 const LINE_S: f64 = 0.001;
 /// Frames that come so closely waited for one another, s.
 pub const TOGETHER_S: f64 = 0.003;
-/// A number that is wrong with less than e to minus this is taken for certain: a flight has hundreds of frames, and one sighting
+/// A number that is wrong with less than e to minus this is taken for certain: a flight has hundreds of frames, and one measurement
 /// that is a frame off misleads it for a second.
 const DOUBT_NATS: f64 = 8.0;
 /// Nats that a lost frame costs, which one in five hundred is,

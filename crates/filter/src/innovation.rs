@@ -4,7 +4,7 @@ use bench_plant::effects::Axis;
 
 use crate::passenger::{Measured, Passenger, Updated};
 
-/// One sighting held against its prediction.
+/// One measurement held against its prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation {
     /// Exposure as the tracker believes, s.
@@ -25,10 +25,10 @@ pub(crate) struct Innovations(pub(crate) Vec<Innovation>);
 
 impl Passenger for Innovations {
     fn updated(&mut self, update: &Updated<'_>) {
-        let Measured::Altitude { sighting, .. } = &update.measured else { return };
+        let Measured::Altitude { measurement, .. } = &update.measured else { return };
         if update.counts {
             self.0.push(Innovation {
-                exposed_s: sighting.exposed_s,
+                exposed_s: measurement.exposed_s,
                 residual_m: update.residual,
                 variance_m2: update.scored.variance,
                 nll: update.scored.nll,

@@ -11,7 +11,7 @@ pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
 const START_EVERY_S: f64 = 1.0;
 /// The filter gets so long to find the state before the first prediction, s.
 const SETTLE_S: f64 = 1.5;
-/// A sighting so much after a horizon still stands for it, s.
+/// A measurement so much after a horizon still stands for it, s.
 const HORIZON_SLACK_S: f64 = 0.12;
 
 /// Predictions over [`HORIZONS_S`], one begun each second.
@@ -49,9 +49,9 @@ impl Passenger for KStepPredictors {
 
     fn updated(&mut self, update: &Updated<'_>) {
         let at_s = match &update.measured {
-            Measured::Altitude { sighting, of, .. } => {
+            Measured::Altitude { measurement, of, .. } => {
                 for prediction in &mut self.under_way {
-                    let ahead_s = sighting.exposed_s - prediction.begin_s;
+                    let ahead_s = measurement.exposed_s - prediction.begin_s;
                     while prediction.passed < HORIZONS_S.len() && ahead_s >= HORIZONS_S[prediction.passed] {
                         if update.counts && ahead_s < HORIZONS_S[prediction.passed] + HORIZON_SLACK_S {
                             let error = update.residual - of.factor * prediction.aside[0];
@@ -63,7 +63,7 @@ impl Passenger for KStepPredictors {
                     }
                 }
                 self.under_way.retain(|prediction| prediction.passed < HORIZONS_S.len());
-                Some(sighting.exposed_s)
+                Some(measurement.exposed_s)
             }
             Measured::OnBoard { .. } => None,
         };

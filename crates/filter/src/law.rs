@@ -57,7 +57,7 @@ pub enum Coordinate {
     },
 }
 
-/// From where on, between throttle and sighting, a law differs that differs in one thing alone.
+/// From where on, between throttle and measurement, a law differs that differs in one thing alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reach {
     /// From the throttle on.

@@ -41,4 +41,4 @@ pub use perturbed::Pairs;
 pub use pins::{Pin, dragged, readback_sigma};
 pub use probe::PROBES;
 pub use smooth::{Knot, backward};
-pub use track::{Felt, Input, Sighting, Track, TrackError, held};
+pub use track::{Felt, Input, Measurement, Track, TrackError, held};

@@ -1,17 +1,17 @@
-//! A sighting held against its prediction: how likely it is under what blurs, delays and loses frames.
+//! A measurement held against its prediction: how likely it is under what blurs, delays and loses frames.
 
 use crate::{covariance::Covariance, noise::Noise};
 
 /// Innovations beyond this many sigma count linearly.
 const HUBER: f64 = 4.0;
-/// How much older than it seems a sighting may be that is not the one before again, frames.
+/// How much older than it seems a measurement may be that is not the one before again, frames.
 const MOST_STALE_FRAMES: i32 = 10;
 /// After so many frames it is forgotten whether one was lost.
 const MOST_FRAMES_BETWEEN: f64 = 1000.0;
 /// Whether a reading is repeated tells something where a fresh frame would repeat it with less than this probability.
 const REPEATED_BY_CHANCE: f64 = 0.03;
 
-/// A sighting beside its prediction.
+/// A measurement beside its prediction.
 pub struct AltitudeMeasurement {
     /// What the tracker shows of a metre.
     pub factor: f64,
@@ -24,7 +24,7 @@ pub struct AltitudeMeasurement {
     pub from_last_m: f64,
     /// Resolution, m.
     pub step_m: f64,
-    /// Between two frames, and since the sighting before, s.
+    /// Between two frames, and since the measurement before, s.
     pub frame_s: f64,
     pub since_s: f64,
 }
@@ -34,7 +34,7 @@ pub struct AltitudeMeasurement {
 pub struct Scored {
     /// Negative log-likelihood.
     pub nll: f64,
-    /// What there is to learn from: the innovation, of a sighting that may be older less what the airframe has moved since,
+    /// What there is to learn from: the innovation, of a measurement that may be older less what the airframe has moved since,
     pub residual: f64,
     /// its variance,
     pub variance: f64,
@@ -65,11 +65,11 @@ impl Scored {
 }
 
 impl AltitudeMeasurement {
-    /// Holds an innovation against a state's covariance, where the sighting before was of an older frame with probability `stale`.
+    /// Holds an innovation against a state's covariance, where the measurement before was of an older frame with probability `stale`.
     #[inline]
     pub fn score(&self, p: &Covariance, noise: &Noise, residual: f64, stale: f64) -> Scored {
         let blur2 = (self.factor * self.speed_m_s).powi(2) * (self.timing_s.powi(2) + noise.jitter_s.powi(2));
-        let variance = self.factor * self.factor * p[0][0] + noise.sighting_m.powi(2) + blur2;
+        let variance = self.factor * self.factor * p[0][0] + noise.measurement_m.powi(2) + blur2;
         if noise.outlier_probability > 0.0 {
             misplaced(noise, residual, variance)
         } else if noise.stale_probability > 0.0 {
@@ -79,7 +79,7 @@ impl AltitudeMeasurement {
         }
     }
 
-    /// A mixture: the sighting is of the newest frame, of an older one because those after it were lost, or the one before again
+    /// A mixture: the measurement is of the newest frame, of an older one because those after it were lost, or the one before again
     /// because all were. What it says of the airframe is that of a normal law with the mixture's mean and variance.
     fn perhaps_stale(&self, lost: &Lost, residual: f64, variance: f64, stale: f64) -> Scored {
         // Bounded as without: what no hypothesis explains is not to speak against this one.
@@ -123,7 +123,7 @@ impl AltitudeMeasurement {
     }
 }
 
-/// A mixture: the sighting is of something else with some probability.
+/// A mixture: the measurement is of something else with some probability.
 fn misplaced(noise: &Noise, residual: f64, variance: f64) -> Scored {
     let normal = |variance: f64| (-0.5 * residual * residual / variance).exp() / variance.sqrt();
     let near = (1.0 - noise.outlier_probability) * normal(variance);

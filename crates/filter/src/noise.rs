@@ -23,15 +23,15 @@ pub struct Noise {
     pub turbulence: f64,
     /// Its correlation time, s.
     pub turbulence_time_s: f64,
-    /// One sigma of a sighting, rounding included, m.
-    pub sighting_m: f64,
+    /// One sigma of a measurement, rounding included, m.
+    pub measurement_m: f64,
     /// One sigma of the exposures' times beyond what is known of them, s.
     pub jitter_s: f64,
-    /// Share of sightings that show a wrong place.
+    /// Share of measurements that show a wrong place.
     pub outlier_probability: f64,
     /// One sigma of wrong places about the right one, m.
     pub outlier_m: f64,
-    /// Share of frames that are lost, in logs that hold the newest frame: sightings are older than they seem, or those of the
+    /// Share of frames that are lost, in logs that hold the newest frame: measurements are older than they seem, or those of the
     /// iteration before.
     pub stale_probability: f64,
     /// How many are lost in a row, on average.
@@ -56,7 +56,7 @@ impl Noise {
             trim: rig.disturbance.trim_m_s2.unwrap_or(0.05),
             turbulence: rig.disturbance.turbulence_m_s2.unwrap_or(0.022),
             turbulence_time_s: rig.disturbance.turbulence_time_s.unwrap_or(0.7),
-            sighting_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),
+            measurement_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),
             jitter_s: rig.disturbance.timing_s.unwrap_or(0.0),
             outlier_probability: rig.disturbance.outlier_probability.unwrap_or(0.0),
             outlier_m: rig.disturbance.outlier_m.unwrap_or(0.0),
@@ -75,7 +75,7 @@ impl Noise {
         Self {
             acceleration: self.acceleration * factor,
             turbulence: self.turbulence * factor,
-            sighting_m: self.sighting_m * factor,
+            measurement_m: self.measurement_m * factor,
             outlier_m: self.outlier_m * factor,
             ..*self
         }
@@ -113,7 +113,7 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
             noise.trim = noise.trim.hypot(GRAVITY_M_S2 * values[0] * DRAWN_BEFORE_MIN);
         }
         match spread(*effect) {
-            Some(Spread::MeasurementNoise) => noise.sighting_m = noise.sighting_m.hypot(values[0]),
+            Some(Spread::MeasurementNoise) => noise.measurement_m = noise.measurement_m.hypot(values[0]),
             Some(Spread::LostFrames) => {
                 [noise.stale_probability, noise.stale_frames] = [values[0], values[1]];
             }
@@ -121,7 +121,7 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
             // Wrong places are few, and far off against the noise: else it is noise.
             Some(Spread::WrongPlaces) => {
                 noise.outlier_probability = (noise.outlier_probability + values[0]).min(MOST_OUTLIERS);
-                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.sighting_m).max(noise.outlier_m);
+                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.measurement_m).max(noise.outlier_m);
             }
             Some(Spread::Turbulence) => {
                 // Wind of deviation sigma acts through the drag.

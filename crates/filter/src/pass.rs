@@ -127,7 +127,7 @@ pub fn predict(track: &Track, rig: &Rig, point: &Point, noise: &Noise) -> Predic
     Prediction { nll, innovations: innovations.0, k_step: k_step.errors }
 }
 
-/// What the filter knew at each sighting of a track, for the smoother.
+/// What the filter knew at each measurement of a track, for the smoother.
 pub fn knots(track: &Track, rig: &Rig, point: &Point, noise: &Noise) -> Vec<Knot> {
     let mut knots = Knots::default();
     fly(track, rig, point, noise, LearnsFrom::Tracker, &mut knots);

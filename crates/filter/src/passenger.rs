@@ -6,7 +6,7 @@ use crate::{
     covariance::{Covariance, State, Transition},
     law::{Hold, Law},
     measurement::{AltitudeMeasurement, Scored},
-    track::Sighting,
+    track::Measurement,
 };
 
 /// What goes along with the filter. Statically dispatched: [`crate::filter::fly`] is compiled for each set of passengers, and what a set
@@ -72,7 +72,7 @@ pub(crate) struct Updated<'a> {
 pub(crate) enum Measured<'a> {
     /// The altitude, by the tracker.
     Altitude {
-        sighting: &'a Sighting,
+        measurement: &'a Measurement,
         of: &'a AltitudeMeasurement,
         /// As predicted, m.
         predicted_m: f64,

@@ -22,7 +22,7 @@ struct Probe {
     p: Covariance,
     /// Its state less the filter's.
     aside: State,
-    /// How probably the last sighting was of an older frame than its own.
+    /// How probably the last measurement was of an older frame than its own.
     stale: f64,
     nll: f64,
 }
@@ -40,7 +40,7 @@ impl Probes {
             if i < 2 {
                 probe.noise.turbulence *= ln_factor.exp();
             } else {
-                probe.noise.sighting_m *= ln_factor.exp();
+                probe.noise.measurement_m *= ln_factor.exp();
             }
         }
         Self(probes)

@@ -1,4 +1,4 @@
-//! The smoother: what was known at each sighting, given the whole flight.
+//! The smoother: what was known at each measurement, given the whole flight.
 
 use bench_plant::effects::Axis;
 
@@ -7,7 +7,7 @@ use crate::{
     passenger::{Measured, Passenger, Propagated, Reset, Updated},
 };
 
-/// What the filter knew at a sighting: before it (predicted), after it, and how the state moved from the one before.
+/// What the filter knew at a measurement: before it (predicted), after it, and how the state moved from the one before.
 #[derive(Clone, Copy, Debug)]
 pub struct Knot {
     /// Exposure, s from take-off.
@@ -18,16 +18,16 @@ pub struct Knot {
     pub ratio: f64,
     /// How far below where a ceiling stops it, m.
     pub below_ceiling_m: f64,
-    /// State and covariance before the sighting.
+    /// State and covariance before the measurement.
     pub predicted: (State, Covariance),
     /// After it.
     pub filtered: (State, Covariance),
-    /// Transition from the sighting before.
+    /// Transition from the measurement before.
     pub transition: Covariance,
 }
 
 impl Knot {
-    /// Whether the airframe touched ground or ceiling since the sighting before, or was carried: nothing is left of its speed then.
+    /// Whether the airframe touched ground or ceiling since the measurement before, or was carried: nothing is left of its speed then.
     pub fn is_cut(&self) -> bool {
         self.transition.iter().all(|row| row[1] == 0.0)
     }
@@ -65,10 +65,10 @@ impl Passenger for Knots {
     }
 
     fn updated(&mut self, update: &Updated<'_>) {
-        let Measured::Altitude { sighting, below_ceiling_m, .. } = &update.measured else { return };
+        let Measured::Altitude { measurement, below_ceiling_m, .. } = &update.measured else { return };
         self.knots.push(Knot {
             time_s: update.axes[Axis::Time as usize],
-            seen_m: sighting.z_m,
+            seen_m: measurement.z_m,
             ratio: update.axes[Axis::ThrustToWeight as usize],
             below_ceiling_m: *below_ceiling_m,
             predicted: (*update.before.0, *update.before.1),

@@ -22,7 +22,7 @@ pub struct Input {
 
 /// One altitude as seen by the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sighting {
+pub struct Measurement {
     /// Exposure by the frames' clock where they keep one, else as the tracker believes, s.
     pub exposed_s: f64,
     /// Exposure as the tracker believes, s.
@@ -44,7 +44,7 @@ pub struct Track {
     /// Zero-order hold, times rising.
     pub inputs: Vec<Input>,
     /// Times rising.
-    pub sightings: Vec<Sighting>,
+    pub measurements: Vec<Measurement>,
     /// When the throttle first exceeds where thrust begins, s.
     pub begin_s: f64,
     /// When it last does, s.
@@ -117,21 +117,21 @@ pub enum TrackError {
     },
     /// Too little to say anything.
     #[error(
-        "{flight}: only {sightings} positions in flight, while the rotors turned; at least {least} are needed"
+        "{flight}: only {measurements} positions in flight, while the rotors turned; at least {least} are needed"
     )]
     TooShort {
         /// The flight.
         flight: String,
         /// How many there are.
-        sightings: usize,
+        measurements: usize,
         /// How many are needed.
         least: usize,
     },
 }
 
-/// Fewest sightings of a flight that is worth a filter.
-const LEAST_SIGHTINGS: usize = 20;
-/// Sightings so long before the first throttle still count, s: the airframe stands, which tells the tracker's bias.
+/// Fewest measurements of a flight that is worth a filter.
+const LEAST_MEASUREMENTS: usize = 20;
+/// Measurements so long before the first throttle still count, s: the airframe stands, which tells the tracker's bias.
 const BEFORE_S: f64 = 0.5;
 /// Above this altitude it has flown, m.
 const FLOWN_M: f64 = 0.03;
@@ -156,14 +156,14 @@ impl Track {
         let believed_s = latency_when_recorded_s(flight).unwrap_or(rig.tracker.latency_s.value);
         let later_s = rig.tracker.latency_s.value - believed_s;
         let clock = if held || dense.is_some() { None } else { FrameClock::of(flight, rig, believed_s) };
-        let mut sightings: Vec<_> = flight
+        let mut measurements: Vec<_> = flight
             .positions
             .iter()
             .enumerate()
             .filter(|(i, position)| {
                 usable(position) && !clock.as_ref().is_some_and(|clock| clock.doubtful[*i])
             })
-            .map(|(i, position)| Sighting {
+            .map(|(i, position)| Measurement {
                 exposed_s: clock.as_ref().map_or(position.exposed_at.seconds(), |clock| clock.exposed_s[i])
                     - later_s,
                 believed_s: position.exposed_at.seconds() - later_s,
@@ -173,15 +173,15 @@ impl Track {
             })
             .collect();
         if dense.is_some() {
-            let tears = tears(&sightings);
+            let tears = tears(&measurements);
             for (from_s, to_s) in tears {
-                let first = sightings.partition_point(|s| s.exposed_s < from_s);
-                let last = sightings.partition_point(|s| s.exposed_s <= to_s);
-                sightings[first..last].iter_mut().for_each(|s| s.carried = true);
+                let first = measurements.partition_point(|s| s.exposed_s < from_s);
+                let last = measurements.partition_point(|s| s.exposed_s <= to_s);
+                measurements[first..last].iter_mut().for_each(|s| s.carried = true);
             }
-            thin(&mut sightings, rig.tracker.frame_period_s, |s| s.exposed_s);
+            thin(&mut measurements, rig.tracker.frame_period_s, |s| s.exposed_s);
         }
-        if sightings.is_empty() {
+        if measurements.is_empty() {
             return Err(TrackError::NoPositions { flight: flight_name() });
         }
         let offset = rig.airframe.thrust.offset.value;
@@ -197,16 +197,16 @@ impl Track {
         let timing_s = waited_s / 12_f64.sqrt();
         let (waits_s, bursts, frames_told) =
             clock.map_or_else(Default::default, |clock| (clock.waits_s, clock.bursts, clock.told));
-        // Chosen once, by the tracker's own times, so that every hypothesis is held against the same sightings.
+        // Chosen once, by the tracker's own times, so that every hypothesis is held against the same measurements.
         let begin_s = inputs[first].time_s;
-        sightings.retain(|s| (begin_s - BEFORE_S..=end_s).contains(&s.exposed_s));
-        mask_contacts(&mut sightings, begin_s);
+        measurements.retain(|s| (begin_s - BEFORE_S..=end_s).contains(&s.exposed_s));
+        mask_contacts(&mut measurements, begin_s);
         Self {
             name: flight_name(),
             begin_s,
             end_s,
             inputs,
-            sightings,
+            measurements,
             timing_s,
             ln_noise: 0.0,
             pins,
@@ -231,36 +231,36 @@ const LEAST_STRETCH_S: f64 = 1.0;
 impl Track {
     /// The same flight, predicted only where it is above an altitude with the rotors turning. Below, the airframe is
     /// taken to be where it is seen, and its effects' states move on with the throttle. For flights whose take-off and
-    /// landing no law here describes: by hand, on soft ground, one after another, or by sightings that wander on the
+    /// landing no law here describes: by hand, on soft ground, one after another, or by measurements that wander on the
     /// ground.
     pub fn above(mut self, above_m: f64, rig: &Rig) -> Result<Self, TrackError> {
         let offset = rig.airframe.thrust.offset.value;
         let mut inputs = self.inputs.iter().peekable();
         let mut turning = false;
-        for sighting in &mut self.sightings {
-            while let Some(input) = inputs.next_if(|input| input.time_s <= sighting.exposed_s) {
+        for measurement in &mut self.measurements {
+            while let Some(input) = inputs.next_if(|input| input.time_s <= measurement.exposed_s) {
                 turning = input.throttle > offset;
             }
-            sighting.carried |= !turning || sighting.z_m < above_m;
+            measurement.carried |= !turning || measurement.z_m < above_m;
         }
-        for stretch in self.sightings.chunk_by_mut(|a, b| a.carried == b.carried) {
+        for stretch in self.measurements.chunk_by_mut(|a, b| a.carried == b.carried) {
             let lasted_s = stretch[stretch.len() - 1].exposed_s - stretch[0].exposed_s;
-            for sighting in stretch {
-                sighting.carried |= lasted_s < LEAST_STRETCH_S;
-                sighting.counts = !sighting.carried;
+            for measurement in stretch {
+                measurement.carried |= lasted_s < LEAST_STRETCH_S;
+                measurement.counts = !measurement.carried;
             }
         }
         self.check()
     }
 
-    /// How many sightings are held against predictions.
+    /// How many measurements are held against predictions.
     pub fn counted(&self) -> usize {
-        self.sightings.iter().filter(|sighting| sighting.counts).count()
+        self.measurements.iter().filter(|measurement| measurement.counts).count()
     }
 
-    /// The highest altitude that was seen twice in a row, m: one sighting may be of anything.
+    /// The highest altitude that was seen twice in a row, m: one measurement may be of anything.
     pub fn highest_m(&self) -> f64 {
-        let twice = self.sightings.windows(2).map(|pair| pair[0].z_m.min(pair[1].z_m));
+        let twice = self.measurements.windows(2).map(|pair| pair[0].z_m.min(pair[1].z_m));
         twice.fold(f64::NEG_INFINITY, f64::max)
     }
 
@@ -293,8 +293,12 @@ impl Track {
 
     fn check(self) -> Result<Self, TrackError> {
         let seen = self.counted();
-        if seen < LEAST_SIGHTINGS {
-            return Err(TrackError::TooShort { flight: self.name, sightings: seen, least: LEAST_SIGHTINGS });
+        if seen < LEAST_MEASUREMENTS {
+            return Err(TrackError::TooShort {
+                flight: self.name,
+                measurements: seen,
+                least: LEAST_MEASUREMENTS,
+            });
         }
         Ok(self)
     }
@@ -419,7 +423,7 @@ fn denser_than_frames(flight: &Flight, rig: &Rig) -> Option<f64> {
 
 /// Time over which a dense log's speeds are compared, s.
 const TEAR_S: f64 = 0.05;
-/// Sightings do not count for so long before and after a tear, s.
+/// Measurements do not count for so long before and after a tear, s.
 const AROUND_TEAR_S: (f64, f64) = (0.05, 0.15);
 /// A tear is so many deviations of what is usual in the flight, and no less than this acceleration, m/s^2.
 const TEAR_SIGMAS: f64 = 8.0;
@@ -427,16 +431,16 @@ const LEAST_TEAR_M_S2: f64 = 3.0;
 
 /// When a dense log's altitude jumps as no airframe does: an estimator on board whose range sensor meets an edge, or that
 /// loses its fix. The airframe does not move, its origin does: after it the flight is followed anew.
-fn tears(sightings: &[Sighting]) -> Vec<(f64, f64)> {
+fn tears(measurements: &[Measurement]) -> Vec<(f64, f64)> {
     let at = |time_s: f64| {
-        let after = sightings.partition_point(|s| s.exposed_s < time_s - 1e-6);
-        sightings.get(after).filter(|s| s.exposed_s < time_s + 0.5 * TEAR_S)
+        let after = measurements.partition_point(|s| s.exposed_s < time_s - 1e-6);
+        measurements.get(after).filter(|s| s.exposed_s < time_s + 0.5 * TEAR_S)
     };
-    let kinks: Vec<(f64, f64)> = sightings
+    let kinks: Vec<(f64, f64)> = measurements
         .iter()
         .filter_map(|middle| {
             let (before, after) = (at(middle.exposed_s - TEAR_S)?, at(middle.exposed_s + TEAR_S)?);
-            let slope = |a: &Sighting, b: &Sighting| (b.z_m - a.z_m) / (b.exposed_s - a.exposed_s);
+            let slope = |a: &Measurement, b: &Measurement| (b.z_m - a.z_m) / (b.exposed_s - a.exposed_s);
             (before.exposed_s < middle.exposed_s && middle.exposed_s < after.exposed_s)
                 .then(|| (middle.exposed_s, (slope(middle, after) - slope(before, middle)) / TEAR_S))
         })
@@ -460,15 +464,15 @@ fn latency_when_recorded_s(flight: &Flight) -> Option<f64> {
 }
 
 /// Leaves out what follows a return to the ground.
-fn mask_contacts(sightings: &mut [Sighting], begin_s: f64) {
+fn mask_contacts(measurements: &mut [Measurement], begin_s: f64) {
     let mut flown = false;
     let mut until_s = f64::MIN;
-    for sighting in sightings {
-        flown |= sighting.z_m > FLOWN_M;
-        if flown && sighting.z_m < LANDED_M && sighting.exposed_s > begin_s {
-            until_s = sighting.exposed_s + AFTER_CONTACT_S;
+    for measurement in measurements {
+        flown |= measurement.z_m > FLOWN_M;
+        if flown && measurement.z_m < LANDED_M && measurement.exposed_s > begin_s {
+            until_s = measurement.exposed_s + AFTER_CONTACT_S;
         }
-        sighting.counts = !sighting.carried && sighting.exposed_s > until_s;
+        measurement.counts = !measurement.carried && measurement.exposed_s > until_s;
     }
 }
 

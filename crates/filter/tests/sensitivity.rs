@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bench_filter::{Coordinate, Direction, Input, Noise, Point, Sighting, Track, is_random, predict, run};
+use bench_filter::{Coordinate, Direction, Input, Measurement, Noise, Point, Track, is_random, predict, run};
 use bench_plant::effects::{LIBRARY, Stage};
 use bench_rig::Rig;
 
@@ -21,17 +21,17 @@ fn track(rig: &Rig, point: &Point, noise: &Noise) -> Track {
             Input { time_s, throttle: hover * (1.0 + 0.012 * (1.7 * time_s).sin() + step) }
         })
         .collect();
-    let sightings = (0..300).map(|k| {
+    let measurements = (0..300).map(|k| {
         let exposed_s = 0.05 + f64::from(k) / 30.0;
-        Sighting { exposed_s, believed_s: exposed_s, z_m: 0.4, counts: k > 0, carried: k == 0 }
+        Measurement { exposed_s, believed_s: exposed_s, z_m: 0.4, counts: k > 0, carried: k == 0 }
     });
-    let mut track = Track { inputs, sightings: sightings.collect(), end_s: 10.0, ..Track::default() };
-    // A sighting moves those after it alone: each round leaves one more where it is predicted.
+    let mut track = Track { inputs, measurements: measurements.collect(), end_s: 10.0, ..Track::default() };
+    // A measurement moves those after it alone: each round leaves one more where it is predicted.
     for _ in 0..300 {
         let predicted = predict(&track, rig, point, noise).innovations;
-        let counted = track.sightings.iter_mut().filter(|sighting| sighting.counts);
-        for (sighting, innovation) in counted.zip(&predicted) {
-            sighting.z_m -= innovation.residual_m;
+        let counted = track.measurements.iter_mut().filter(|measurement| measurement.counts);
+        for (measurement, innovation) in counted.zip(&predicted) {
+            measurement.z_m -= innovation.residual_m;
         }
         if predicted.iter().all(|innovation| innovation.residual_m.abs() < 1e-12) {
             break;

@@ -70,14 +70,14 @@ pub enum IdentifyError {
     Contradicts(Vec<Contradiction>),
     /// The fit explains next to nothing.
     #[error(
-        "the model does not describe these flights: what it leaves is an acceleration of {turbulence_m_s2:.1} m/s^2 and sightings off by {sighting_m:.3} m (one sigma), {outlier_percent:.0} % of them wrong; are they vertical flights of one airframe? Stretches near the ground can be left out with --above, a channel that is another signal with --without"
+        "the model does not describe these flights: what it leaves is an acceleration of {turbulence_m_s2:.1} m/s^2 and measurements off by {measurement_m:.3} m (one sigma), {outlier_percent:.0} % of them wrong; are they vertical flights of one airframe? Stretches near the ground can be left out with --above, a channel that is another signal with --without"
     )]
     Unexplained {
         /// What acts besides the model.
         turbulence_m_s2: f64,
-        /// How far off sightings are.
-        sighting_m: f64,
-        /// Share of sightings at wrong places, %.
+        /// How far off measurements are.
+        measurement_m: f64,
+        /// Share of measurements at wrong places, %.
         outlier_percent: f64,
     },
     /// A table of readings could not be read at all.

@@ -25,13 +25,13 @@ pub struct FlightIdentification {
     pub schema: &'static str,
     /// The rig's numbers, before and after.
     pub numbers: Vec<IdentifiedNumber>,
-    /// One sigma of a sighting without rounding, m: before and after.
+    /// One sigma of a measurement without rounding, m: before and after.
     pub tracker_noise_m: [f64; 2],
     /// White acceleration, m/s^2 per root Hz.
     pub white_m_s2_per_root_hz: f64,
     /// One sigma of the exposures' times, s.
     pub timing_s: f64,
-    /// Share of sightings that show a wrong place, and one sigma of how wrong, m.
+    /// Share of measurements that show a wrong place, and one sigma of how wrong, m.
     pub outliers: (f64, f64),
     /// One sigma of the turbulence's acceleration, m/s^2.
     pub turbulence_m_s2: f64,
@@ -45,7 +45,7 @@ pub struct FlightIdentification {
     pub noise_spread_ln: f64,
     /// Mean of squared innovations over their variance; 1 for a right model.
     pub mean_nis: f64,
-    /// The flights with the sightings that were held against a prediction.
+    /// The flights with the measurements that were held against a prediction.
     pub flights: Vec<(String, usize)>,
     /// What could not be used, or should be known.
     pub warnings: Vec<String>,
@@ -264,7 +264,7 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
     set(&mut out.tracker.latency_s, RigNumber::Latency, rig.tracker.latency_s, 0.0);
     let noise = &fit.noise;
     let rounding = rig.tracker.resolution_m / 12_f64.sqrt();
-    out.tracker.noise_m = (noise.sighting_m.powi(2) - rounding * rounding).max(0.0).sqrt();
+    out.tracker.noise_m = (noise.measurement_m.powi(2) - rounding * rounding).max(0.0).sqrt();
     out.disturbance.turbulence_m_s2 = Some(noise.turbulence);
     out.disturbance.turbulence_time_s = Some(noise.turbulence_time_s);
     out.disturbance.white_m_s2_per_root_hz = Some(noise.acceleration);

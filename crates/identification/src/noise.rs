@@ -16,7 +16,7 @@ const PARTS: [Part; 11] = [
     Part { of: |n| &mut n.jitter_s, sigma_ln: 1.0, range: (1e-5, 0.1) },
     Part { of: |n| &mut n.outlier_probability, sigma_ln: 1.0, range: (1e-5, 0.2) },
     Part { of: |n| &mut n.outlier_m, sigma_ln: 1.0, range: (1e-4, 1.0) },
-    Part { of: |n| &mut n.sighting_m, sigma_ln: 1.0, range: (5e-5, 1.0) },
+    Part { of: |n| &mut n.measurement_m, sigma_ln: 1.0, range: (5e-5, 1.0) },
     Part { of: |n| &mut n.turbulence, sigma_ln: 2.0, range: (1e-3, 50.0) },
     Part { of: |n| &mut n.turbulence_time_s, sigma_ln: 0.8, range: (0.2, 6.0) },
     Part { of: |n| &mut n.trim, sigma_ln: 1.0, range: (1e-3, 20.0) },
@@ -41,7 +41,7 @@ pub fn thought(noise: &Noise) -> Noise {
     Noise {
         jitter_s: or(noise.jitter_s, TIMING_S),
         outlier_probability: or(noise.outlier_probability, OUTLIERS),
-        outlier_m: or(noise.outlier_m, OUTLIER_SIGMAS * noise.sighting_m),
+        outlier_m: or(noise.outlier_m, OUTLIER_SIGMAS * noise.measurement_m),
         ..*noise
     }
 }

@@ -23,14 +23,14 @@ const CLEAR_OF_GROUND_M: f64 = 0.1;
 const PLAINLY_NATS: f64 = 10.0;
 /// A number so many tolerances away is none that the tolerance allows for.
 const FAR_SIGMAS: f64 = 5.0;
-/// What a model may leave: an acceleration of a fifth of gravity, sightings off by ten centimetres, one in ten wrong.
+/// What a model may leave: an acceleration of a fifth of gravity, measurements off by ten centimetres, one in ten wrong.
 const MOST_TURBULENCE: f64 = 0.2 * GRAVITY_M_S2;
-const MOST_SIGHTING_M: f64 = 0.1;
+const MOST_MEASUREMENT_M: f64 = 0.1;
 const MOST_OUTLIERS: f64 = 0.1;
 
 /// Refuses altitudes that no flight of a rig reaches: those of another unit.
 pub fn plausible_altitude(track: &Track, rig: &Rig) -> Result<(), IdentifyError> {
-    let height_m = track.sightings.iter().map(|s| s.z_m.abs()).fold(0.0, f64::max);
+    let height_m = track.measurements.iter().map(|s| s.z_m.abs()).fold(0.0, f64::max);
     let ceiling_m = rig.safety.ceiling_m;
     if height_m > ABSURD_CEILINGS * ceiling_m {
         return Err(IdentifyError::Altitude { flight: track.name.clone(), height_m, ceiling_m });
@@ -46,7 +46,7 @@ pub fn before(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
     let mut ratios = Vec::new();
     for track in tracks {
         plausible_altitude(track, rig)?;
-        let height_m = track.sightings.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
+        let height_m = track.measurements.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
         if height_m < AIRBORNE_M {
             return Err(IdentifyError::NeverAirborne { flight: track.name.clone(), height_m: AIRBORNE_M });
         }
@@ -74,9 +74,9 @@ fn ratio(rig: &Rig, throttle: f64) -> f64 {
     thrust.gain_n_per_unit.value * (throttle - thrust.offset.value) / rig.airframe.weight_n()
 }
 
-/// Throttle at each sighting above a height.
+/// Throttle at each measurement above a height.
 fn airborne_throttles(track: &Track, above_m: f64) -> impl Iterator<Item = f64> + '_ {
-    let seen = track.sightings.iter().filter(move |s| s.counts && s.z_m > above_m);
+    let seen = track.measurements.iter().filter(move |s| s.counts && s.z_m > above_m);
     seen.filter_map(|s| {
         let after = track.inputs.partition_point(|input| input.time_s <= s.exposed_s);
         Some(track.inputs[after.checked_sub(1)?].throttle)
@@ -113,12 +113,12 @@ fn which_way(tracks: &[Track], rig: &Rig) -> Result<(), IdentifyError> {
 pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
     let noise = &fit.noise;
     let plain = noise.turbulence < MOST_TURBULENCE
-        && noise.sighting_m < MOST_SIGHTING_M
+        && noise.measurement_m < MOST_MEASUREMENT_M
         && noise.outlier_probability < MOST_OUTLIERS;
     if !plain {
         return Err(IdentifyError::Unexplained {
             turbulence_m_s2: noise.turbulence,
-            sighting_m: noise.sighting_m,
+            measurement_m: noise.measurement_m,
             outlier_percent: 100.0 * noise.outlier_probability,
         });
     }

@@ -1,7 +1,7 @@
 //! A model held against open-loop flights (paper, section 3.5, figure 11): nothing is fitted.
 
 use bench_filter::RigNumber;
-use bench_filter::{HORIZONS_S, Hold, LIFT_OFF_M, Law, NEAR_GROUND_M, Noise, Point, Sighting, Track};
+use bench_filter::{HORIZONS_S, Hold, LIFT_OFF_M, Law, Measurement, NEAR_GROUND_M, Noise, Point, Track};
 use bench_inference::{Consistency, Problem};
 use bench_rig::Rig;
 use bench_statistics::Sorted;
@@ -29,9 +29,9 @@ pub struct Tolerance {
     pub ahead_m: f64,
     /// Greatest RMS distance between a flight and the trajectory predicted from its throttle alone, m, if asked for.
     pub trajectory_m: Option<f64>,
-    /// Least share of sightings within the band of 95 %.
+    /// Least share of measurements within the band of 95 %.
     pub inside: f64,
-    /// Greatest mean of squared errors over expected ones, of predictions from sighting to sighting; 1 for a right model.
+    /// Greatest mean of squared errors over expected ones, of predictions from measurement to measurement; 1 for a right model.
     pub consistency: f64,
     /// Greatest mean width of the band of 95 %, m; `None`: [`RANGES`] of what each flight spans in altitude.
     pub band_m: Option<f64>,
@@ -124,7 +124,7 @@ pub struct FlightVerified {
     pub consistency: Consistency,
     /// RMS distance from the trajectory predicted from the throttle alone, m.
     pub trajectory_rms_m: f64,
-    /// Share of sightings within the band of 95 %.
+    /// Share of measurements within the band of 95 %.
     pub inside: f64,
     /// Mean width of that band, m.
     pub band_m: f64,
@@ -136,7 +136,7 @@ pub struct FlightVerified {
     pub trajectory: Trajectory,
 }
 
-/// What was seen and what the throttle alone predicts, at each sighting.
+/// What was seen and what the throttle alone predicts, at each measurement.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Trajectory {
     /// From the first throttle that turns the rotors, s.
@@ -159,8 +159,8 @@ const CALM_DRAWS: u64 = 100;
 const STEP_S: f64 = 0.005;
 /// Never seen higher, it has not flown, m.
 const AIRBORNE_M: f64 = 0.03;
-/// Fewest sightings of an open loop.
-const LEAST_SIGHTINGS: usize = 20;
+/// Fewest measurements of an open loop.
+const LEAST_MEASUREMENTS: usize = 20;
 
 /// Holds a model against flights.
 pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<Verification, IdentifyError> {
@@ -172,7 +172,7 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
     for (flight, predicted) in flights.iter().zip(&predictions) {
         let refused =
             |reason: String| IdentifyError::NotVerifiable { flight: flight.track.name.clone(), reason };
-        let highest = flight.track.sightings.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
+        let highest = flight.track.measurements.iter().map(|s| s.z_m).fold(f64::MIN, f64::max);
         if highest < AIRBORNE_M {
             return Err(IdentifyError::NeverAirborne {
                 flight: flight.track.name.clone(),
@@ -180,10 +180,10 @@ pub fn verify(flights: &[OpenLoop], rig: &Rig, tolerance: &Tolerance) -> Result<
             });
         }
         plausible_altitude(&flight.track, rig)?;
-        let seen = open_sightings(flight);
-        if seen.len() < LEAST_SIGHTINGS {
+        let seen = open_measurements(flight);
+        if seen.len() < LEAST_MEASUREMENTS {
             return Err(refused(format!(
-                "only {} sightings before a closed loop took over or it came down; {LEAST_SIGHTINGS} are needed: fly a mission of `open` phases, such as hop",
+                "only {} measurements before a closed loop took over or it came down; {LEAST_MEASUREMENTS} are needed: fly a mission of `open` phases, such as hop",
                 seen.len()
             )));
         }
@@ -272,7 +272,7 @@ fn checks(flights: &[FlightVerified], tolerance: &Tolerance) -> Result<Vec<Verif
     }
     if let Some((value, flight)) = worst(&|flight| Some(flight.consistency.mean_nis)) {
         checks.push(VerifyCheck {
-            name: "squared errors over expected, sighting to sighting",
+            name: "squared errors over expected, measurement to measurement",
             flight: Some(flight),
             value,
             limit: tolerance.consistency,
@@ -280,12 +280,12 @@ fn checks(flights: &[FlightVerified], tolerance: &Tolerance) -> Result<Vec<Verif
             passed: value <= tolerance.consistency,
         });
     }
-    let sightings: usize = flights.iter().map(|flight| flight.trajectory.seen_m.len()).sum();
+    let measurements: usize = flights.iter().map(|flight| flight.trajectory.seen_m.len()).sum();
     let inside: f64 =
         flights.iter().map(|flight| flight.inside * flight.trajectory.seen_m.len() as f64).sum();
-    let inside = inside / sightings.max(1) as f64;
+    let inside = inside / measurements.max(1) as f64;
     checks.push(VerifyCheck {
-        name: "share of sightings in the band of 95 %",
+        name: "share of measurements in the band of 95 %",
         flight: None,
         value: inside,
         limit: tolerance.inside,
@@ -313,7 +313,7 @@ fn band_check(flights: &[FlightVerified], tolerance: &Tolerance) -> VerifyCheck 
 
 /// What of the variance over a flight comes from each of the rig's numbers, in their order, and last from all else, m^2: to first
 /// order, and of trajectories with the rig's own numbers.
-fn variances_of(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> [f64; 9] {
+fn variances_of(track: &Track, seen: &[Measurement], problem: &Problem<'_>) -> [f64; 9] {
     let mut out = [0.0; 9];
     for (number, sigma) in problem.uncertain() {
         let moved = |way: f64| {
@@ -374,12 +374,12 @@ fn narrowed_by(widened_by: &[Share]) -> Vec<String> {
     out
 }
 
-/// The sightings from the first throttle on, until a loop takes over or the airframe comes down.
-fn open_sightings(flight: &OpenLoop) -> Vec<Sighting> {
+/// The measurements from the first throttle on, until a loop takes over or the airframe comes down.
+fn open_measurements(flight: &OpenLoop) -> Vec<Measurement> {
     let until_s = flight.until_s.unwrap_or(f64::INFINITY);
     flight
         .track
-        .sightings
+        .measurements
         .iter()
         .filter(|s| s.exposed_s >= flight.track.begin_s)
         .take_while(|s| s.counts && s.exposed_s <= until_s)
@@ -388,7 +388,7 @@ fn open_sightings(flight: &OpenLoop) -> Vec<Sighting> {
 }
 
 /// The nominal trajectory, the bands, and the ends of 95 % of peaks.
-fn trajectories(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> (Trajectory, [f64; 2]) {
+fn trajectories(track: &Track, seen: &[Measurement], problem: &Problem<'_>) -> (Trajectory, [f64; 2]) {
     let calm = fly(track, seen, problem, &problem.nominal, None);
     let drawn: Vec<Vec<f64>> = (0..DRAWS)
         .into_par_iter()
@@ -399,11 +399,11 @@ fn trajectories(track: &Track, seen: &[Sighting], problem: &Problem<'_>) -> (Tra
         })
         .collect();
     let mut out = Trajectory { nominal_m: calm, ..Trajectory::default() };
-    for (i, sighting) in seen.iter().enumerate() {
+    for (i, measurement) in seen.iter().enumerate() {
         let at = Sorted::of(drawn.iter().map(|z| z[i]));
         let band = |low, high| [low, high].map(|share| at.interpolated(share).unwrap_or(f64::NAN));
-        out.time_s.push(sighting.exposed_s - track.begin_s);
-        out.seen_m.push(sighting.z_m);
+        out.time_s.push(measurement.exposed_s - track.begin_s);
+        out.seen_m.push(measurement.z_m);
         out.band_95_m.push(band(0.025, 0.975));
         out.band_50_m.push(band(0.25, 0.75));
     }
@@ -463,10 +463,10 @@ impl<'a> Air<'a> {
     }
 }
 
-/// Altitudes at the sightings that the throttle alone gives, m: of calm air and a perfect tracker, or with what disturbs.
+/// Altitudes at the measurements that the throttle alone gives, m: of calm air and a perfect tracker, or with what disturbs.
 fn fly(
     track: &Track,
-    seen: &[Sighting],
+    seen: &[Measurement],
     problem: &Problem<'_>,
     point: &Point,
     rng: Option<&mut ChaCha8Rng>,
@@ -479,8 +479,8 @@ fn fly(
     let mut now = track.begin_s;
     let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
     let mut out = Vec::with_capacity(seen.len());
-    for sighting in seen {
-        let at = sighting.exposed_s - late;
+    for measurement in seen {
+        let at = measurement.exposed_s - late;
         while now < at {
             let edge = track.inputs.get(input + 1).map_or(f64::INFINITY, |next| next.time_s);
             let until = at.min(edge);
@@ -496,7 +496,7 @@ fn fly(
                 input += 1;
             }
         }
-        let blur = air.as_mut().map_or(0.0, |air| air.noise.sighting_m * air.normal());
+        let blur = air.as_mut().map_or(0.0, |air| air.noise.measurement_m * air.normal());
         out.push(view.seen_m(z) + blur);
     }
     out

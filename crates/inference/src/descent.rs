@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::{
     coordinate::{Free, directions},
-    fit::{Fit, Problem, SIGHTING_SIGMA_LN, turbulence_sigmas},
+    fit::{Fit, MEASUREMENT_SIGMA_LN, Problem, turbulence_sigmas},
 };
 
 pub(crate) const MAX_PASSES: usize = 14;
@@ -46,7 +46,7 @@ impl Problem<'_> {
     fn noise_step(&self, noise: &Noise, pass: &Pass) -> (f64, f64, f64) {
         let own = [
             ((noise.turbulence / self.noise.turbulence).ln(), None, 0.8),
-            ((noise.sighting_m / self.noise.sighting_m).ln(), Some(SIGHTING_SIGMA_LN), 0.3),
+            ((noise.measurement_m / self.noise.measurement_m).ln(), Some(MEASUREMENT_SIGMA_LN), 0.3),
         ];
         let mut steps = [0.0; 2];
         let mut worth = 0.0;
@@ -138,7 +138,7 @@ impl Descent {
         }
         let mut noise = here.noise;
         noise.turbulence *= here.noise_step.0.exp();
-        noise.sighting_m *= here.noise_step.1.exp();
+        noise.measurement_m *= here.noise_step.1.exp();
         self.passes += 1;
         // Two steps in five lead nowhere: derivatives, which cost ten times as much, are for the others.
         if problem.objective(&point, &noise, &self.free) < here.objective {

@@ -27,7 +27,7 @@ pub struct Problem<'a> {
     pub sigma: PerNumber<f64>,
     /// What is thought of the noise before any flight.
     pub noise: Noise,
-    /// Altitude that all but a few sightings are below, m.
+    /// Altitude that all but a few measurements are below, m.
     pub top_m: f64,
 }
 
@@ -121,7 +121,7 @@ impl Fit {
 }
 
 /// Uncertainty of the noise's logarithm before any flight: tracker, then turbulence.
-pub(crate) const SIGHTING_SIGMA_LN: f64 = 0.05;
+pub(crate) const MEASUREMENT_SIGMA_LN: f64 = 0.05;
 /// Calm air is ordinary, strong wind is not.
 const CALM_SIGMA_LN: f64 = 1.0;
 const WINDY_FROM_LN: f64 = 0.5;
@@ -150,13 +150,13 @@ const ODD_SIGMAS: f64 = 3.1;
 const ODD_FORM_SIGMAS: f64 = 2.2;
 const ODD_FORM_NATS: f64 = 6.0;
 
-/// One sighting in so many may be of anything; flights that were never seen higher than so much, m, have no ceiling to be looked for.
+/// One measurement in so many may be of anything; flights that were never seen higher than so much, m, have no ceiling to be looked for.
 const LOST_ONE_IN: usize = 200;
 const LEAST_TOP_M: f64 = 0.1;
 
-/// Altitude that all but a few sightings are below, m.
+/// Altitude that all but a few measurements are below, m.
 fn top_m(tracks: &[Track]) -> f64 {
-    let seen = tracks.iter().flat_map(|track| &track.sightings).map(|sighting| sighting.z_m);
+    let seen = tracks.iter().flat_map(|track| &track.measurements).map(|measurement| measurement.z_m);
     let top = Sorted::of(seen).trimmed_range(LOST_ONE_IN).map_or(0.0, |[_, high]| high);
     top.max(LEAST_TOP_M)
 }
@@ -174,7 +174,7 @@ impl<'a> Problem<'a> {
         RigNumber::ALL.into_iter().zip(self.sigma.0).filter(|(_, sigma)| *sigma > 0.0)
     }
 
-    /// How many sightings are held against predictions.
+    /// How many measurements are held against predictions.
     pub fn counted(&self) -> usize {
         self.tracks.iter().map(Track::counted).sum()
     }
@@ -267,9 +267,9 @@ impl<'a> Problem<'a> {
     pub(crate) fn prior(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
         let numbers: f64 =
             free.iter().map(|f| 0.5 * ((f.own(point.get(f.at)) - f.mean) / f.sigma).powi(2)).sum();
-        let sighting = (noise.sighting_m / self.noise.sighting_m).ln() / SIGHTING_SIGMA_LN;
+        let measurement = (noise.measurement_m / self.noise.measurement_m).ln() / MEASUREMENT_SIGMA_LN;
         let turbulence = turbulence_sigmas((noise.turbulence / self.noise.turbulence).ln());
-        numbers + 0.5 * (sighting * sighting + turbulence * turbulence) + settle::prior(self, noise)
+        numbers + 0.5 * (measurement * measurement + turbulence * turbulence) + settle::prior(self, noise)
     }
 
     /// the prediction: all of those before the given slot, of the others those that do not have their default.

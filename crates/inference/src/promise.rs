@@ -124,12 +124,12 @@ impl Problem<'_> {
     /// its gain.
     fn against_ceiling(&self, point: &Point, effect: usize) -> Vec<Point> {
         let highest_m = self.tracks.iter().map(Track::highest_m).fold(self.top_m, f64::max);
-        let below_m = highest_m - HELD_SIGMAS * self.noise.sighting_m;
+        let below_m = highest_m - HELD_SIGMAS * self.noise.measurement_m;
         let held_m: Vec<f64> = self
             .tracks
             .iter()
-            .flat_map(|track| &track.sightings)
-            .map(|sighting| sighting.z_m)
+            .flat_map(|track| &track.measurements)
+            .map(|measurement| measurement.z_m)
             .filter(|z_m| *z_m > below_m)
             .collect();
         let held_m = median_high(held_m).unwrap_or(highest_m);

@@ -1,6 +1,6 @@
 //! Thrust that is missing for moments: pushes one way that come now and then, which neither a law nor wind explains.
 //!
-//! The smoother gives for each sighting what a sudden change of speed just before it would gain (auxiliary residuals:
+//! The smoother gives for each measurement what a sudden change of speed just before it would gain (auxiliary residuals:
 //! de Jong, *Smoothing and interpolation with the state-space model*, Journal of the American Statistical Association
 //! 84, 1989; Harvey and Koopman, *Diagnostic checking of unobserved-components time series models*, Journal of Business
 //! and Economic Statistics 10, 1992). Wind pushes either way: only what is one-sided counts.
@@ -86,7 +86,7 @@ fn spans(places: &[Place], length_s: f64) -> Vec<Vec<Shock>> {
     spans
 }
 
-/// What the flight tells, at one sighting, of a sudden change of the state before it.
+/// What the flight tells, at one measurement, of a sudden change of the state before it.
 struct Place {
     time_s: f64,
     /// None near ground or ceiling.
@@ -97,9 +97,9 @@ struct Told {
     /// Gradient of the log-likelihood by the change, and its information.
     gradient: Vector4<f64>,
     information: Matrix4<f64>,
-    /// What the sighting leaves of the change.
+    /// What the measurement leaves of the change.
     left: Matrix4<f64>,
-    /// How the state moved here from the sighting before.
+    /// How the state moved here from the measurement before.
     transition: Matrix4<f64>,
 }
 
@@ -124,7 +124,7 @@ impl Place {
     }
 }
 
-/// What the flight tells of a change of speed, sudden or in equal parts before sightings in a row: gradient of the log-likelihood by it,
+/// What the flight tells of a change of speed, sudden or in equal parts before measurements in a row: gradient of the log-likelihood by it,
 /// s/m, and its information, s^2/m^2.
 struct Shock {
     gradient: f64,
@@ -142,7 +142,7 @@ impl Shock {
         let share = (places.len() as f64).recip();
         let part = Vector4::new(0.0, share, 0.0, 0.0);
         let (mut gradient, mut information) = (0.0, 0.0);
-        // What the parts so far have made of the state before a sighting.
+        // What the parts so far have made of the state before a measurement.
         let mut moved = Vector4::zeros();
         let mut left = Matrix4::zeros();
         for place in places {

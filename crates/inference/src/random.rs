@@ -1,4 +1,4 @@
-//! Fits of effects that are seen in the spread of sightings alone: they change the filter's noise, not its prediction.
+//! Fits of effects that are seen in the spread of measurements alone: they change the filter's noise, not its prediction.
 
 use bench_filter::{Noise, Point, spread};
 use bench_plant::effects::{LIBRARY, Spread};
@@ -11,7 +11,7 @@ use crate::{
 /// Nearer than this, beside more noise, wrong places are its tails.
 const TAIL_SIGMAS: f64 = 6.0;
 
-/// Loss of likelihood a sighting, nats, between the best of the grid and the mode: half a step in the size of a noise.
+/// Loss of likelihood a measurement, nats, between the best of the grid and the mode: half a step in the size of a noise.
 const GRID_LOSS: f64 = 0.06;
 /// Sweeps of the search over all coordinates, at most and at least.
 const SWEEPS: usize = 6;
@@ -40,7 +40,7 @@ pub fn fit_with_both(problem: &Problem<'_>, base: &Fit, alone: [&Fit; 2]) -> Opt
     let [a, b] = alone.map(|fit| fit.noise);
     let noise = Noise {
         turbulence: a.turbulence.min(b.turbulence),
-        sighting_m: a.sighting_m.min(b.sighting_m),
+        measurement_m: a.measurement_m.min(b.measurement_m),
         ..base.noise
     };
     Some(on_top.settle(base, noise, start)).filter(|fit| !only_tails(fit))
@@ -80,7 +80,7 @@ fn only_tails(fit: &Fit) -> bool {
     else {
         return false;
     };
-    outliers[1] < TAIL_SIGMAS * noise[0].hypot(fit.noise.sighting_m)
+    outliers[1] < TAIL_SIGMAS * noise[0].hypot(fit.noise.measurement_m)
 }
 
 /// Whether a search from the best of so coarse a grid may catch up with a fit.
@@ -156,10 +156,10 @@ impl<'a> OnTop<'a> {
             // Readings that are held look like air that is still, and then like a blow.
             Some(Spread::LostFrames) => {
                 let before =
-                    Noise { turbulence: usual.turbulence, sighting_m: usual.sighting_m, ..base.noise };
+                    Noise { turbulence: usual.turbulence, measurement_m: usual.measurement_m, ..base.noise };
                 vec![base.noise, before]
             }
-            _ => vec![Noise { sighting_m: usual.sighting_m, ..base.noise }],
+            _ => vec![Noise { measurement_m: usual.measurement_m, ..base.noise }],
         };
         let (value, noise, start) = noises
             .into_iter()
@@ -173,12 +173,14 @@ impl<'a> OnTop<'a> {
     fn descend(&self, base: &Fit, noise: Noise, start: Vec<f64>) -> Fit {
         let (usual, own) = (self.problem.noise, &self.own);
         // Coordinates: logarithms of process and tracker noise against their prior, then the effect's own.
-        let mut x =
-            vec![(noise.turbulence / usual.turbulence).ln(), (noise.sighting_m / usual.sighting_m).ln()];
+        let mut x = vec![
+            (noise.turbulence / usual.turbulence).ln(),
+            (noise.measurement_m / usual.measurement_m).ln(),
+        ];
         x.extend(start);
         let scaled = |x: &[f64]| Noise {
             turbulence: usual.turbulence * x[0].exp(),
-            sighting_m: usual.sighting_m * x[1].exp(),
+            measurement_m: usual.measurement_m * x[1].exp(),
             ..base.noise
         };
         let at = |x: &[f64]| self.objective(base, &scaled(x), &x[2..]);

@@ -49,7 +49,7 @@ pub struct Regions {
     pub fading: f64,
     /// Gain of log-evidence of a play of the thrust; 0 where a law of the fit depends on changes of thrust, too.
     pub play: f64,
-    /// Offsets of sightings over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
+    /// Offsets of measurements over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
     pub tracker: Vec<(&'static str, f64)>,
 }
 

@@ -58,7 +58,7 @@ pub fn verdict(report: &Report, rig: &Rig) -> PageVerdict {
 
 fn made_of(report: &Report, rig: &Rig) -> Markup {
     let diagnosis = &report.diagnosis;
-    let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
+    let measurements: usize = diagnosis.flights.iter().map(|flight| flight.measurements).sum();
     let cases = match diagnosis.calibration.cases {
         0 => String::new(),
         cases => format!(", {}", words::count(cases as u64, "case")),
@@ -67,7 +67,7 @@ fn made_of(report: &Report, rig: &Rig) -> Markup {
         p.soft {
             "Rig " (rig.name) ", airframe " (rig.airframe.name) "; "
             (words::count(diagnosis.flights.len() as u64, "flight")) " with "
-            (words::count(sightings as u64, "sighting")) "; calibration of probabilities: "
+            (words::count(measurements as u64, "measurement")) "; calibration of probabilities: "
             (diagnosis.calibration.source) (cases) " (" (report.calibration_choice.why) "; the same elsewhere by "
             (report.calibration_choice.again) ")."
         }

@@ -43,13 +43,13 @@ pub fn in_words(report: &Report, sticks: Actuation) -> String {
 
 fn what(out: &mut String, report: &Report) {
     let diagnosis = &report.diagnosis;
-    let sightings: usize = diagnosis.flights.iter().map(|flight| flight.sightings).sum();
+    let measurements: usize = diagnosis.flights.iter().map(|flight| flight.measurements).sum();
     let _ = writeln!(
         out,
         "{}\n{}, {}; calibration of probabilities: {} ({})",
         words::toned(report.tone(), &report.headline()),
         words::count(diagnosis.flights.len() as u64, "flight"),
-        words::count(sightings as u64, "sighting"),
+        words::count(measurements as u64, "measurement"),
         diagnosis.calibration.source,
         report.calibration_choice.why
     );

@@ -96,7 +96,7 @@ impl<'a, F: Fn(&Rig, &Rig, &Mission) -> Option<Flight> + Sync> Arena<'a, F> {
                 return None;
             }
             let track = Track::from_flight(&mission.name, &flight, self.problem.rig).ok()?;
-            let end_m = track.sightings.last().map_or(0.0, |sighting| sighting.z_m);
+            let end_m = track.measurements.last().map_or(0.0, |measurement| measurement.z_m);
             if drop == Drop::Low && end_m > DROP_M {
                 return None;
             }

@@ -43,7 +43,7 @@ fn consistency(flights: &[FlightGap], short: &impl Fn(&str) -> String) -> Markup
     let row = |flight: &FlightGap| {
         let [before, after]: [&Consistency; 2] = [&flight.nominal, &flight.with_effect];
         // Limits of one in a thousand, as many numbers are looked at.
-        let n = flight.sightings.max(1) as f64;
+        let n = flight.measurements.max(1) as f64;
         let nis_off = 3.3 * (2.0 / n).sqrt();
         let correlation_off = 3.3 / n.sqrt();
         let columns: [(f64, bool); 8] = [
@@ -59,7 +59,7 @@ fn consistency(flights: &[FlightGap], short: &impl Fn(&str) -> String) -> Markup
         html! {
             tr {
                 td.nowrap title=(flight.name) { (short(&flight.name)) }
-                td.number { (flight.sightings) }
+                td.number { (flight.measurements) }
                 @for (value, off) in columns { td.number.off[off] { (told::fixed(value, 2)) @if off { " !" } } }
             }
         }
@@ -68,7 +68,7 @@ fn consistency(flights: &[FlightGap], short: &impl Fn(&str) -> String) -> Markup
         div.scroll { table {
             thead {
                 tr {
-                    th rowspan="2" { "flight" } th.number rowspan="2" { "sightings" }
+                    th rowspan="2" { "flight" } th.number rowspan="2" { "measurements" }
                     @for title in ["misfit, nats", "error over expected", "whiteness p", "correlation with thrust"] {
                         th.number colspan="2" { (title) }
                     }

@@ -86,6 +86,6 @@ fn misfit(diagnosis: &Diagnosis, levels: &[Level<'_>]) -> Markup {
     if let Some(closure) = told::closure(diagnosis) {
         words = format!("{words} {}.", capitalised(&closure));
     }
-    let axis = "misfit: negative log-likelihood of a sighting, nats";
-    block("Misfit of every sighting", &words, rows.finish(axis))
+    let axis = "misfit: negative log-likelihood of a measurement, nats";
+    block("Misfit of every measurement", &words, rows.finish(axis))
 }
