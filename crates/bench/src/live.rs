@@ -63,7 +63,7 @@ impl LiveArguments {
                 self.listen
             ));
         }
-        eprintln!("live page: {}", live.url());
+        crate::words::say!("live page: {}", live.url());
         let page = Page { live, autostart: self.autostart };
         Ok(Some((page, Ends { watcher, controls })))
     }
@@ -99,7 +99,7 @@ impl Page {
             return Ok(Start { mission: mission.clone(), changes: Vec::new() });
         }
         self.stage(Stage::Waiting { checked, warning });
-        eprintln!("waiting for START on the live page (Ctrl-C ends it)");
+        crate::words::say!("waiting for START on the live page (Ctrl-C ends it)");
         tokio::select! {
             start = self.live.started() => start.ok_or_else(|| "the operator ended the bench".to_owned()),
             name = interrupted => Err(name.to_owned()),
@@ -110,7 +110,7 @@ impl Page {
     pub async fn stay(mut self, outcome: Outcome, interrupted: impl Future<Output = &'static str>) {
         self.stage(Stage::Landed(outcome.clone()));
         if !self.autostart {
-            eprintln!("the live page stays until Ctrl-C, or until the operator ends it");
+            crate::words::say!("the live page stays until Ctrl-C, or until the operator ends it");
             tokio::select! {
                 () = self.live.ended() => {}
                 _ = interrupted => {}

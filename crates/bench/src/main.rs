@@ -2,6 +2,9 @@
 //!
 //! Data goes to standard output, talk to standard error. Exit codes: see [`exit::Exit`].
 
+// `words::say` never fails, where a flight must go on.
+#![cfg_attr(not(test), deny(clippy::print_stderr))]
+
 mod arguments;
 mod balance;
 mod blind_answer;

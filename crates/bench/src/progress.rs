@@ -27,7 +27,7 @@ fn is_quiet() -> bool {
 /// Says what was done, such as which file was written.
 pub fn note(words: &str) {
     if !is_quiet() {
-        eprintln!("{words}");
+        crate::words::say!("{words}");
     }
 }
 
@@ -116,8 +116,8 @@ impl Progress {
     /// A line that stays.
     pub fn say(&self, words: &str) {
         match &self.shared.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{words}")),
-            None => eprintln!("{words}"),
+            Some(bar) => bar.suspend(|| crate::words::say!("{words}")),
+            None => crate::words::say!("{words}"),
         }
     }
 }
@@ -157,7 +157,7 @@ impl Shared {
                 bar.set_position((told.share().unwrap_or(0.0) * STEPS as f64) as u64);
                 bar.set_message(told.words(now));
             } else if let Some(line) = told.due(now) {
-                eprintln!("{line}");
+                crate::words::say!("{line}");
             }
         }
     }

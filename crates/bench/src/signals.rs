@@ -67,7 +67,7 @@ pub fn heed(stop: Arc<AtomicBool>) -> anyhow::Result<mpsc::UnboundedReceiver<&'s
                     // Nobody may listen any more.
                     let _ = told.send(name);
                     if stop.swap(true, Ordering::Relaxed) {
-                        eprintln!("{name} again: leaving at once");
+                        crate::words::say!("{name} again: leaving at once");
                         std::process::exit(Exit::Stopped as i32);
                     }
                 }

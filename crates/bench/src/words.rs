@@ -117,14 +117,28 @@ pub const fn help_styles() -> Styles {
         .invalid(Tone::Odd.style())
 }
 
+/// Says a line on standard error, like `eprintln!`, which would end a flight where nobody reads it any more.
+macro_rules! say {
+    ($($words:tt)*) => {
+        $crate::words::say_line(format_args!($($words)*))
+    };
+}
+pub(crate) use say;
+
+/// See [`say`].
+pub fn say_line(words: fmt::Arguments<'_>) {
+    // There is nowhere else to say it.
+    let _ = writeln!(anstream::stderr(), "{words}");
+}
+
 /// Says what a person should know, also with `--quiet`.
 pub fn warn(words: impl fmt::Display) {
-    anstream::eprintln!("{}: {words}", toned(Tone::Odd, "warning"));
+    say!("{}: {words}", toned(Tone::Odd, "warning"));
 }
 
 /// Says what went wrong, also with `--quiet`.
 pub fn fail(words: impl fmt::Display) {
-    anstream::eprintln!("{}: {words}", toned(Tone::Bad, "error"));
+    say!("{}: {words}", toned(Tone::Bad, "error"));
 }
 
 /// Writes text to standard output, in colour where that is wanted.

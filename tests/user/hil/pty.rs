@@ -35,6 +35,20 @@ fn a_loopback_flight_is_flown_recorded_and_like_the_simulated_one() {
 }
 
 #[test]
+fn a_flight_goes_on_where_nobody_reads_what_it_says() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let flown = scratch.name("hil.mcap");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut hil = std::process::Command::new(env!("CARGO_BIN_EXE_bench"));
+    hil.args(["hil", "--port", &board.port, "--mission", &mission, "-o", &flown]).stderr(writer);
+    assert_eq!(hil.output().unwrap().status.code(), Some(0));
+    assert_eq!(json(&bench(["info", &flown, "--json"]).assert().success())["mode"], "hil");
+}
+
+#[test]
 fn a_board_whose_outputs_lag_is_different_from_the_simulation() {
     let scratch = Scratch::new();
     let mission = short_mission(&scratch);

@@ -88,7 +88,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<Exit> {
             _ = terminate.recv() => {}
         }
         let applied = board.history().iter().filter(|moment| moment.applied).count() as u64;
-        eprintln!("{} applied", words::count(applied, "command"));
+        crate::words::say!("{} applied", words::count(applied, "command"));
         Ok(Exit::Done)
     })
 }

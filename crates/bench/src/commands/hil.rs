@@ -174,7 +174,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let checked = ready.in_words(&port);
     for line in &checked {
-        eprintln!("{line}");
+        crate::words::say!("{line}");
     }
     if let Some(sees) = &ready.sees {
         warn_of_other_constants(&rig, sees);
@@ -189,7 +189,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
                 // Without an order the thread disarms and ends.
                 drop(order);
                 let _ = handle.join();
-                eprintln!("not flown: {why}");
+                crate::words::say!("not flown: {why}");
                 not_flown(page, &why);
                 return Ok(Exit::Stopped);
             }
@@ -302,7 +302,7 @@ async fn watch(
                         continue;
                     }
                     shown.end();
-                    eprintln!("{name} again: leaving at once; the board zeroes its outputs by itself within 300 ms");
+                    crate::words::say!("{name} again: leaving at once; the board zeroes its outputs by itself within 300 ms");
                     std::process::exit(Exit::Stopped as i32);
                 }
                 shown.say(&format!("{name}: throttle to rest"));

@@ -342,7 +342,7 @@ fn started(watched: Option<Watched>, mission: Mission) -> Option<Started> {
             Some((Some(watched), start.mission, start.changes))
         }
         Err(why) => {
-            eprintln!("not flown: {why}");
+            crate::words::say!("not flown: {why}");
             watched.page.close(live::not_flown(&why));
             None
         }

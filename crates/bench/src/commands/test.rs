@@ -238,8 +238,8 @@ fn known(plan: &Plan, arguments: &Arguments) -> anyhow::Result<BTreeMap<String, 
     for key in missing {
         let mut answer = String::new();
         while answer.trim().is_empty() {
-            eprint!("{key}: ");
-            std::io::stderr().flush()?;
+            let mut stderr = std::io::stderr();
+            write!(stderr, "{key}: ").and_then(|()| stderr.flush())?;
             if std::io::stdin().lock().read_line(&mut answer)? == 0 {
                 bail!("{key} was not answered; give it as --meta {key}=...");
             }

@@ -69,8 +69,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 /// Has udev read its rules again. Where it does not run, they are read when it starts.
 fn reload() {
     match Command::new("udevadm").args(["control", "--reload"]).output() {
-        Ok(done) if done.status.success() => eprintln!("udev has read it; plug the device in again"),
-        _ => eprintln!(
+        Ok(done) if done.status.success() => crate::words::say!("udev has read it; plug the device in again"),
+        _ => crate::words::say!(
             "udev could not be told: run `udevadm control --reload` as root, then plug the device in again"
         ),
     }

@@ -85,7 +85,7 @@ impl Server {
                 "Foxglove's server listens on {address}, where other machines reach it; whoever connects sees the flight"
             ));
         }
-        eprintln!("foxglove: ws://{host}:{port}");
+        crate::words::say!("foxglove: ws://{host}:{port}");
         Ok(Self { context, kept, runtime: handle, end: Some(end), ended })
     }
 

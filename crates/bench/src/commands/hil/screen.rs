@@ -55,7 +55,7 @@ impl Screen {
     pub fn say(&self, words: &str) {
         match &self.line {
             Some(line) => line.say(words),
-            None => eprintln!("{words}"),
+            None => crate::words::say!("{words}"),
         }
     }
 

@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             return Ok(Exit::Stopped);
         }
     };
-    eprintln!("{}, serial number {}", kinect.model(), kinect.serial());
+    crate::words::say!("{}, serial number {}", kinect.model(), kinect.serial());
     let clock = WallClock::start();
     let origin_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
     // Before the streams: what is in the way should not cost frames.
