@@ -27,6 +27,7 @@ mod report;
 mod schema;
 mod seen;
 mod signals;
+mod station;
 mod suites;
 mod words;
 

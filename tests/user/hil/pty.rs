@@ -49,6 +49,31 @@ fn a_flight_goes_on_where_nobody_reads_what_it_says() {
 }
 
 #[test]
+fn a_station_logs_flights_whether_they_come_about_or_not() {
+    let scratch = Scratch::new();
+    let mission = short_mission(&scratch);
+    let board = Emulated::start(&scratch, &[]);
+    let station = scratch.name("lab");
+    let hil = |port: &str| {
+        bench(["hil", "--port", port, "--mission", &mission, "--station", &station, "--meta", "operator=Ada"])
+    };
+    hil(&board.port).assert().success();
+    assert!(refused(hil(&scratch.name("no-board")), 4).contains("no-board"));
+    // What is wrong with the command itself is no run.
+    refused(bench(["hil", "--station", &station]), 2);
+    let runs =
+        json(&bench(["runs", "--station", &station, "--meta", "operator=Ada", "--json"]).assert().success());
+    let [late, early] = runs["runs"].as_array().unwrap().as_slice() else { panic!("{runs:#}") };
+    assert_eq!((&early["mode"], &early["outcome"]), (&"loopback".into(), &"passed".into()));
+    assert!(fs::exists(format!("{station}/{}", early["recording"].as_str().unwrap())).unwrap());
+    assert_eq!(late["outcome"], "error");
+    assert!(late["reason"].as_str().unwrap().contains("no-board"), "{late:#}");
+    let trend =
+        stdout(&bench(["runs", "--station", &station, "--trend", "round_trip_p50"]).assert().success());
+    assert!(trend.contains("round_trip_p50"), "{trend}");
+}
+
+#[test]
 fn a_board_whose_outputs_lag_is_different_from_the_simulation() {
     let scratch = Scratch::new();
     let mission = short_mission(&scratch);

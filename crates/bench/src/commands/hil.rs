@@ -21,6 +21,7 @@ use bench_dac::ports;
 use bench_plant::effects::{self, Effects, LIBRARY, parse_effect};
 use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
+use bench_station::Entry;
 use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
 use rustix::process::set_parent_process_death_signal;
@@ -40,6 +41,7 @@ use crate::{
     recorded::{self, ADDED_EFFECTS},
     seen,
     signals::{PARENT_ENDED, Signals},
+    station::Station,
     words,
 };
 use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
@@ -54,6 +56,7 @@ use screen::Screen;
   bench emulate psoc5 --link /tmp/psoc5 & bench hil --port /tmp/psoc5
   bench hil --rig transmitter --port /dev/ttyACM0 --exposure-ms 10
   bench hil --port /dev/ttyACM0 --live
+  bench hil --port /dev/ttyACM0 --station lab/ --meta operator=Ada
 
 With --live the flight is on a page in the browser, which waits for START once the devices are
 checked; docs/live.md tells what it shows and takes. `bench devices` lists ports and Kinects; docs/hil.md tells wiring, checks and what stops a
@@ -80,6 +83,10 @@ pub struct Arguments {
     /// Recording to write [default: in recordings/, named after rig, mission, effects, seed and time]
     #[arg(short, long)]
     output: Option<PathBuf>,
+    /// Folder of the station that flies: its log, which names and keeps the recording [default: what `BENCH_STATION` names, if there
+    /// is no --output]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["output", "force"])]
+    station: Option<PathBuf>,
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
@@ -103,8 +110,41 @@ const FAILED: &str = "the loop's thread failed; the board zeroes its outputs by 
 /// How often the screen is brought up to date.
 const REDRAWN: Duration = Duration::from_millis(100);
 
-#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let ours = || std::env::var_os("BENCH_STATION").filter(|folder| !folder.is_empty()).map(PathBuf::from);
+    let station = arguments.station.clone().or_else(|| arguments.output.is_none().then(ours).flatten());
+    // What is wrong with the command is told before anything is entered.
+    let Some(station) = station.filter(|_| arguments.port.is_some()) else {
+        return fly(arguments, None).map(|(exit, _)| exit);
+    };
+    let nominal = files::rig(&arguments.rig)?;
+    let rig = with_effects(arguments, nominal.clone())?;
+    let mission = files::mission(&arguments.mission, &arguments.rig)?;
+    let entry = Entry {
+        started_unix_s: since_1970().as_secs_f64(),
+        suite: "hil".to_owned(),
+        test: mission.name.clone(),
+        rig: rig.name.clone(),
+        mission: mission.name.clone(),
+        mode: if rig.bench == Bench::Transmitter { "transmitter" } else { "loopback" }.to_owned(),
+        effects: recorded::added_effects(&nominal, &rig).join("; "),
+        seed: arguments.seed,
+        repeat: 0,
+        bench_version: env!("CARGO_PKG_VERSION").to_owned(),
+        meta: arguments.meta.meta.iter().cloned().collect(),
+        stem: format!("hil_{}_{}_seed{}", plain(&rig.name), plain(&mission.name), arguments.seed),
+    };
+    Station::open(&station)?.fly(&entry, &mission.criteria, |recording| fly(arguments, Some(recording)))
+}
+
+/// A name as part of a file's.
+fn plain(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() || "._-=".contains(c) { c } else { '-' }).collect()
+}
+
+/// Flies and records, to `recording` where that is given; how it ended, also in a sentence.
+#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
+fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit, String)> {
     let Some(port) = arguments.port.clone() else {
         bail!("which port is the board on? name it with --port; {}", there_is());
     };
@@ -113,7 +153,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let added = recorded::added_effects(&nominal, &rig);
     let mission = files::mission(&arguments.mission, &arguments.rig)?;
     let seeing = seeing(arguments, &rig, &mission)?;
-    let output = arguments.output.clone().unwrap_or_else(|| {
+    let output = recording.map(Path::to_owned).or(arguments.output.clone()).unwrap_or_else(|| {
         let which = format!("seed{}_{}", arguments.seed, since_1970().as_secs());
         files::default_recording(&format!("hil_{}", rig.name), &mission.name, &added, &which)
     });
@@ -165,7 +205,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             let _ = handle.join();
             words::fail(&error);
             not_flown(page, &error.to_string());
-            return Ok(Exit::Stopped);
+            return Ok((Exit::Stopped, error.to_string()));
         }
         Err(_) => {
             let _ = handle.join();
@@ -191,7 +231,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
                 let _ = handle.join();
                 crate::words::say!("not flown: {why}");
                 not_flown(page, &why);
-                return Ok(Exit::Stopped);
+                return Ok((Exit::Stopped, why));
             }
         };
         let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
@@ -223,13 +263,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let (Some(landed), Ok(())) = (landed, joined) else {
         words::fail(FAILED);
         not_flown(page, FAILED);
-        return Ok(Exit::Stopped);
+        return Ok((Exit::Stopped, FAILED.to_owned()));
     };
     let (exit, outcome) = finish(arguments, &rig, &mission, &port, &ready, landed, &output)?;
+    let headline = outcome.headline.clone();
     if let Some(page) = page {
         runtime.block_on(page.stay(outcome, signals.next()));
     }
-    Ok(exit)
+    Ok((exit, headline))
 }
 
 fn about(rig: &Rig, mission: &Mission) -> About {

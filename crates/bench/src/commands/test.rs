@@ -22,9 +22,8 @@ use crate::{
     exit::Exit,
     progress::{self, Progress},
     signals,
-    suites::{
-        Baselines, Change, Flying, Folder, PAGE, Plan, Planned, Selected, Station, compare_back_to_back,
-    },
+    station::Station,
+    suites::{Baselines, Change, Flying, Folder, PAGE, Plan, Planned, Selected, compare_back_to_back},
     words,
 };
 

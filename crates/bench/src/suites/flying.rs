@@ -7,40 +7,19 @@ use std::{
     os::unix::process::CommandExt as _,
     path::{Path, PathBuf},
     process::{Command, Stdio},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::atomic::{AtomicBool, Ordering},
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use bench_recording::{Finished, Flight, Options, Recorder};
 use bench_run::{Directive, Ending, StopReason, simulate, simulate_seen};
-use bench_station::{Entry, Log};
+use bench_station::Entry;
 use bench_suite::{Attached, Mode, Run, Suite, Times, judge};
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::{Planned, sha256};
-use crate::{arguments::Meta, exit::Exit, recorded, seen};
-
-/// Where runs are logged and their recordings kept.
-pub struct Station {
-    folder: PathBuf,
-    log: Mutex<Log>,
-}
-
-impl Station {
-    /// Opens a station's folder.
-    pub fn open(folder: &Path) -> anyhow::Result<Self> {
-        Ok(Self { folder: folder.to_owned(), log: Mutex::new(Log::open(folder)?) })
-    }
-
-    fn with<T>(&self, work: impl FnOnce(&mut Log) -> T) -> T {
-        // A transaction is whole or not there: a panic elsewhere spoils none.
-        work(&mut self.log.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
+use crate::{arguments::Meta, exit::Exit, recorded, seen, station::Station};
 
 /// What all flights of a suite share.
 pub struct Flying<'a> {
@@ -98,7 +77,7 @@ impl Flying<'_> {
                 sha256: run.recording.as_ref().map(|recording| recording.sha256.clone()),
                 figures: run.figures.clone(),
             };
-            station.with(|log| log.finish(id, &finished))?;
+            station.finish(id, &finished)?;
         }
         Ok(Some(run))
     }
@@ -127,13 +106,7 @@ impl Flying<'_> {
             meta: self.meta.clone(),
             stem: stem.to_owned(),
         };
-        let begun = station.with(|log| log.begin(&entry))?;
-        if begun.recording.exists() {
-            bail!(
-                "{} exists, although the log gave its name to no run; move it away",
-                begun.recording.display()
-            );
-        }
+        let begun = station.begin(&entry)?;
         Ok(Some((begun.id, begun.recording)))
     }
 
@@ -297,13 +270,13 @@ impl Flying<'_> {
 
     /// A recording's name from the folder of the results, or the station's.
     fn named_from_folder(&self, recording: &Path) -> String {
-        let folder = self.station.map_or(self.folder, |station| &station.folder);
+        let folder = self.station.map_or(self.folder, Station::folder);
         recording.strip_prefix(folder).unwrap_or(recording).display().to_string()
     }
 
     /// The recording that a report names.
     pub fn recording(&self, attached: &Attached) -> PathBuf {
-        self.station.map_or(self.folder, |station| &station.folder).join(&attached.file)
+        self.station.map_or(self.folder, Station::folder).join(&attached.file)
     }
 }
 
