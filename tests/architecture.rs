@@ -120,8 +120,15 @@ fn the_estimator_names_no_effect() {
     let names = LIBRARY.iter().map(|spec| format!("\"{}\"", spec.name)).collect::<Vec<_>>();
     let mut read = 0;
     for package in ["filter", "inference", "diagnosis"] {
-        for file in std::fs::read_dir(root().join("crates").join(package).join("src")).unwrap() {
-            let path = file.unwrap().path();
+        let mut folders = vec![root().join("crates").join(package).join("src")];
+        let mut files = Vec::new();
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() { folders.push(path) } else { files.push(path) }
+            }
+        }
+        for path in files {
             let text = std::fs::read_to_string(&path).unwrap();
             let program = text.split("#[cfg(test)]\nmod tests").next().unwrap();
             for name in &names {
