@@ -2,14 +2,14 @@
 
 use std::{
     fs::File,
-    io::{self, Read, Seek as _, SeekFrom},
+    io::{self, Read},
     path::Path,
 };
 
 use crate::{Cell, LogError};
 
-/// Enough for the longest message of any format that is read through it.
-const WINDOW: usize = 1 << 20;
+/// So many bytes are read at once.
+const WINDOW: usize = 1 << 18;
 
 /// A file, of which a stretch is in memory.
 pub(crate) struct Window {
@@ -53,14 +53,6 @@ impl Window {
     pub fn pass(&mut self, bytes: usize) {
         self.start += bytes;
         self.at += bytes as u64;
-    }
-
-    /// Goes on at another place of the file.
-    pub fn jump(&mut self, to: u64) -> io::Result<()> {
-        self.file.seek(SeekFrom::Start(to))?;
-        self.buffer.clear();
-        (self.start, self.at, self.ended) = (0, to, false);
-        Ok(())
     }
 }
 
@@ -154,7 +146,9 @@ mod tests {
 
     #[test]
     fn half_precision_is_that_of_the_standard() {
-        for (bits, number) in [(0x3c00, 1.0), (0xc000, -2.0), (0x0001, 5.960_464_477_539_063e-8), (0x7bff, 65504.0)] {
+        for (bits, number) in
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x0001, 5.960_464_477_539_063e-8), (0x7bff, 65504.0)]
+        {
             assert_eq!(half(bits), number);
         }
         assert_eq!(half(0x7c00), f64::INFINITY);

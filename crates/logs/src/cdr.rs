@@ -231,8 +231,12 @@ fn member(line: &str, package: &str, places: &HashMap<String, usize>) -> Result<
         "float32" => Kind::Scalar(Scalar::F32),
         "float64" => Kind::Scalar(Scalar::F64),
         "string" => Kind::Text,
-        "time" | "duration" | "builtin_interfaces/Time" | "builtin_interfaces/msg/Time"
-        | "builtin_interfaces/Duration" | "builtin_interfaces/msg/Duration" => Kind::Time,
+        "time"
+        | "duration"
+        | "builtin_interfaces/Time"
+        | "builtin_interfaces/msg/Time"
+        | "builtin_interfaces/Duration"
+        | "builtin_interfaces/msg/Duration" => Kind::Time,
         other => {
             let other = match short(other) {
                 header if header == "Header" => "std_msgs/Header".to_owned(),

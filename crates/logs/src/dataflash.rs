@@ -302,7 +302,6 @@ impl Reader<'_> {
             time_ns: layout.time_ns(message),
             cells: &cells,
             line: stream.samples,
-            torn: None,
         })
     }
 
@@ -336,5 +335,11 @@ impl Reader<'_> {
 }
 
 fn fmt_of_fmt() -> Layout {
-    Layout { name: "FMT".to_owned(), length: FMT_LENGTH, labels: Vec::new(), fields: Vec::new(), units: Vec::new() }
+    Layout {
+        name: "FMT".to_owned(),
+        length: FMT_LENGTH,
+        labels: Vec::new(),
+        fields: Vec::new(),
+        units: Vec::new(),
+    }
 }

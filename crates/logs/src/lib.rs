@@ -6,13 +6,10 @@
 //! - A number is handed over as the log's own documentation scales it, in the unit that [`Field::unit`] names where the log says so.
 //! - Nothing here knows what a quantity means: maps do, elsewhere.
 //!
-//! Each format is one module with one function `scan`, listed in [`Format::ALL`]. A Betaflight log is held in memory whole, since the
-//! crate that decodes it wants that; all others are read in pieces.
+//! Each format is one module with one function `scan`. All are read in pieces.
 
-mod blackbox;
 mod bytes;
 mod cdr;
-mod crazyflie;
 mod dataflash;
 mod error;
 mod format;
@@ -22,7 +19,6 @@ mod parquet;
 mod protobuf;
 mod series;
 mod survey;
-mod table;
 mod ulog;
 
 use std::path::Path;
@@ -30,26 +26,18 @@ use std::path::Path;
 pub use self::{
     error::LogError,
     format::Format,
-    series::{Cell, Field, Losses, Sample, TableForm, Topic, Visitor},
+    series::{Cell, Field, Losses, Sample, Topic, Visitor},
     survey::{Survey, Surveyed},
 };
 
 /// Reads a log from its beginning to its end, or until the visitor has had enough.
 ///
 /// What cannot be read at all is an error. What is damaged, cut or left out is told in the losses, and all else was handed over.
-pub fn scan(
-    path: &Path,
-    format: Format,
-    form: TableForm,
-    visitor: &mut dyn Visitor,
-) -> Result<Losses, LogError> {
+pub fn scan(path: &Path, format: Format, visitor: &mut dyn Visitor) -> Result<Losses, LogError> {
     match format {
-        Format::Csv => table::scan(path, form, visitor),
         Format::Parquet => parquet::scan(path, visitor),
         Format::Ulog => ulog::scan(path, visitor),
         Format::Dataflash => dataflash::scan(path, visitor),
-        Format::Blackbox => blackbox::scan(path, form.part, visitor),
-        Format::Crazyflie => crazyflie::scan(path, visitor),
         Format::Mcap => mcap::scan(path, visitor),
     }
 }

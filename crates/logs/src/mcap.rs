@@ -78,7 +78,12 @@ pub(crate) fn scan(path: &Path, visitor: &mut dyn Visitor) -> Result<Losses, Log
         Err(source) if reader.topics == 0 => {
             let detail = "nothing could be read before its first fault".to_owned();
             let format = Format::Mcap.words();
-            return Err(LogError::Malformed { path: path.to_owned(), format, detail, source: Some(source.into()) });
+            return Err(LogError::Malformed {
+                path: path.to_owned(),
+                format,
+                detail,
+                source: Some(source.into()),
+            });
         }
         Err(_) => reader.losses.cut = true,
     }
@@ -186,13 +191,11 @@ impl Reader<'_> {
         stream.samples += 1;
         let parsed: Value;
         if let Some(Decoder::Json(_)) = stream.decoder {
-            match serde_json::from_slice(data) {
-                Ok(value) => parsed = value,
-                Err(_) => {
-                    self.losses.damaged += 1;
-                    return ControlFlow::Continue(());
-                }
-            }
+            let Ok(value) = serde_json::from_slice(data) else {
+                self.losses.damaged += 1;
+                return ControlFlow::Continue(());
+            };
+            parsed = value;
         } else {
             parsed = Value::Null;
         }
@@ -241,6 +244,6 @@ impl Reader<'_> {
         let cells: Vec<Cell<'_>> =
             wanted.iter().map(|place| all.get(*place).copied().unwrap_or_default()).collect();
         let line = stream.samples;
-        self.visitor.sample(Sample { topic, time_ns: Some(time_ns), cells: &cells, line, torn: None })
+        self.visitor.sample(Sample { topic, time_ns: Some(time_ns), cells: &cells, line })
     }
 }

@@ -32,7 +32,7 @@ pub(crate) fn scan(path: &Path, visitor: &mut dyn Visitor) -> Result<Losses, Log
         let values: Vec<&Value> = row.get_column_iter().map(|(_, value)| value).collect();
         let cells: Vec<Cell<'_>> =
             wanted.iter().map(|place| values.get(*place).map_or(Cell::Absent, |value| cell(value))).collect();
-        let sample = Sample { topic: 0, time_ns: None, cells: &cells, line: number, torn: None };
+        let sample = Sample { topic: 0, time_ns: None, cells: &cells, line: number };
         if visitor.sample(sample) == ControlFlow::Break(()) {
             break;
         }

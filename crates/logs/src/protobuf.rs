@@ -18,7 +18,10 @@ enum Kind {
     /// A number as it stands in the bytes.
     Fixed(Scalar),
     /// A whole number of seven bits a byte.
-    Varint { signed: bool, zigzag: bool },
+    Varint {
+        signed: bool,
+        zigzag: bool,
+    },
     Text,
     /// Seconds and nanoseconds, which become one number of nanoseconds.
     Time,
@@ -89,11 +92,14 @@ impl Definition {
                 Type::Sfixed64 => (Kind::Fixed(Scalar::I64), 1),
                 Type::Sfixed32 => (Kind::Fixed(Scalar::I32), 1),
                 Type::Int32 | Type::Int64 | Type::Enum => (Kind::Varint { signed: true, zigzag: false }, 1),
-                Type::Uint32 | Type::Uint64 | Type::Bool => (Kind::Varint { signed: false, zigzag: false }, 1),
+                Type::Uint32 | Type::Uint64 | Type::Bool => {
+                    (Kind::Varint { signed: false, zigzag: false }, 1)
+                }
                 Type::Sint32 | Type::Sint64 => (Kind::Varint { signed: true, zigzag: true }, 1),
                 Type::String | Type::Bytes => (Kind::Text, 1),
                 Type::Message
-                    if [".google.protobuf.Timestamp", ".google.protobuf.Duration"].contains(&field.type_name()) =>
+                    if [".google.protobuf.Timestamp", ".google.protobuf.Duration"]
+                        .contains(&field.type_name()) =>
                 {
                     (Kind::Time, 1)
                 }
@@ -116,9 +122,10 @@ impl Definition {
     fn list(&self, message: usize, before: &str, at: usize, fields: &mut [Field]) {
         for member in &self.messages[message] {
             for place in 0..if member.repeated { LISTED } else { 1 } {
-                let name = match member.repeated {
-                    true => format!("{before}{}[{place}]", member.name),
-                    false => format!("{before}{}", member.name),
+                let name = if member.repeated {
+                    format!("{before}{}[{place}]", member.name)
+                } else {
+                    format!("{before}{}", member.name)
                 };
                 let at = at + member.offset + place * member.width;
                 match member.kind {
@@ -194,11 +201,15 @@ impl Definition {
         let cells = &mut cells[at..at + member.width];
         let cell = match (&member.kind, piece) {
             (Kind::Message(inner), Piece::Bytes(bytes)) => return self.read_message(*inner, bytes, cells),
-            (Kind::Fixed(scalar), Piece::Bytes(bytes)) if bytes.len() == scalar.size() => scalar.read(bytes, false),
+            (Kind::Fixed(scalar), Piece::Bytes(bytes)) if bytes.len() == scalar.size() => {
+                scalar.read(bytes, false)
+            }
             (Kind::Varint { zigzag: true, .. }, Piece::Varint(bits)) => {
                 Cell::Integer(((bits >> 1).cast_signed() ^ -((bits & 1).cast_signed())).into())
             }
-            (Kind::Varint { signed: true, .. }, Piece::Varint(bits)) => Cell::Integer(bits.cast_signed().into()),
+            (Kind::Varint { signed: true, .. }, Piece::Varint(bits)) => {
+                Cell::Integer(bits.cast_signed().into())
+            }
             (Kind::Varint { .. }, Piece::Varint(bits)) => Cell::Integer(bits.into()),
             (Kind::Text, Piece::Bytes(bytes)) => Cell::Text(bytes),
             (Kind::Time, Piece::Bytes(bytes)) => {
@@ -221,7 +232,11 @@ impl Definition {
 }
 
 /// The messages of files and messages by their full names.
-fn collect<'d>(before: &str, messages: &'d [DescriptorProto], types: &mut Vec<(String, &'d DescriptorProto)>) {
+fn collect<'d>(
+    before: &str,
+    messages: &'d [DescriptorProto],
+    types: &mut Vec<(String, &'d DescriptorProto)>,
+) {
     for message in messages {
         let name = format!("{before}.{}", message.name());
         collect(&name, &message.nested_type, types);
@@ -324,7 +339,10 @@ mod tests {
         bytes.extend(0.5_f32.to_le_bytes());
         let mut cells = Vec::new();
         definition.read(&bytes, &mut cells).unwrap();
-        assert_eq!(cells[..5], [Cell::Number(2.5), Cell::Integer(-2), Cell::Number(1.0), Cell::Number(0.5), Cell::Absent]);
+        assert_eq!(
+            cells[..5],
+            [Cell::Number(2.5), Cell::Integer(-2), Cell::Number(1.0), Cell::Number(0.5), Cell::Absent]
+        );
         assert_eq!(cells.last(), Some(&Cell::Integer(0)));
         assert!(definition.read(&bytes[..bytes.len() - 1], &mut Vec::new()).is_none());
         assert!(Definition::parse("x.N", &set).unwrap_err().contains("x.N"));

@@ -52,10 +52,8 @@ pub struct Sample<'a> {
     pub time_ns: Option<i128>,
     /// The fields that the visitor asked for, in the order in which it did.
     pub cells: &'a [Cell<'a>],
-    /// A table's line, or which message of its topic it is; counted from one.
+    /// A table's row, or which message of its topic it is; counted from one.
     pub line: u64,
-    /// A table's row that has not as many cells as the header: all of it, and no cells.
-    pub torn: Option<&'a [u8]>,
 }
 
 /// Who is told what is in a log.
@@ -71,23 +69,6 @@ pub trait Visitor {
 
     /// What the log says of itself, such as the version of the firmware.
     fn about(&mut self, _key: &str, _value: &str) {}
-}
-
-/// How a table is written, and which part of a file is meant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TableForm {
-    /// What stands between the cells of a CSV file.
-    pub delimiter: u8,
-    /// Whether the first line names the columns; without, they are called 1, 2, 3 and so on.
-    pub has_header: bool,
-    /// Which of several logs in one file, from one.
-    pub part: Option<usize>,
-}
-
-impl Default for TableForm {
-    fn default() -> Self {
-        Self { delimiter: b',', has_header: true, part: None }
-    }
 }
 
 /// What a log does not hold any more, as far as it can be told.

@@ -1,4 +1,4 @@
-//! PX4's ULog. `px4-ulog` decodes; this finds the messages, so that damage costs what is damaged and no more, and keeps from the
+//! PX4's `ULog`. `px4-ulog` decodes; this finds the messages, so that damage costs what is damaged and no more, and keeps from the
 //! decoder what it would panic on.
 //!
 //! The format: <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>.
@@ -105,8 +105,8 @@ pub(crate) fn scan(path: &Path, visitor: &mut dyn Visitor) -> Result<Losses, Log
         }
         let whole = message(ahead).filter(|message| acceptable(message));
         let Some(found) = whole else {
-            let cut = is_cut(ahead);
-            let skipped = if cut { ahead.len() } else { next_messages(ahead, &state.borrow()) };
+            let skipped = next_messages(ahead, &state.borrow());
+            let cut = skipped == ahead.len() && is_cut(ahead);
             let losses = &mut state.borrow_mut().losses;
             losses.cut |= cut;
             losses.damaged += u64::from(!cut);
@@ -119,12 +119,15 @@ pub(crate) fn scan(path: &Path, visitor: &mut dyn Visitor) -> Result<Losses, Log
             window.pass(length);
             continue;
         }
-        if parser.appended_offsets().iter().all(|place| *place == 0) && at == HEADER as u64 && found[2] == b'B' {
+        if parser.appended_offsets().iter().all(|place| *place == 0)
+            && at == HEADER as u64
+            && found[2] == b'B'
+        {
             return Err(malformed(path, "it needs a newer reader: its flags are not known here", None));
         }
         // A message that was understood as far as its length, and no further.
         let rest = &ahead[found.len()..];
-        let goes_on = rest.is_empty() || message(rest).is_some_and(|next| acceptable(next));
+        let goes_on = rest.is_empty() || message(rest).is_some_and(acceptable);
         let skipped = if goes_on { found.len() } else { next_messages(ahead, &state.borrow()) };
         let losses = &mut state.borrow_mut().losses;
         losses.damaged += 1;
@@ -133,7 +136,11 @@ pub(crate) fn scan(path: &Path, visitor: &mut dyn Visitor) -> Result<Losses, Log
     }
     let State { losses, topics, .. } = state.into_inner();
     if topics == 0 && losses.damaged > 0 {
-        return Err(malformed(path, "its definitions are damaged, and without them nothing can be read", None));
+        return Err(malformed(
+            path,
+            "its definitions are damaged, and without them nothing can be read",
+            None,
+        ));
     }
     Ok(losses)
 }
@@ -164,17 +171,20 @@ impl State<'_> {
         subscription.samples += 1;
         let Some(wanted) = &subscription.wanted else { return };
         self.cells.clear();
-        self.cells.extend(wanted.iter().map(|(offset, kind)| cell(kind, message.data.get(*offset..).unwrap_or_default())));
-        let micros = subscription.stamp.and_then(|offset| match Scalar::U64.read(message.data.get(offset..)?, false) {
-            Cell::Integer(micros) => Some(micros),
-            _ => None,
+        self.cells.extend(
+            wanted.iter().map(|(offset, kind)| cell(kind, message.data.get(*offset..).unwrap_or_default())),
+        );
+        let micros = subscription.stamp.and_then(|offset| {
+            match Scalar::U64.read(message.data.get(offset..)?, false) {
+                Cell::Integer(micros) => Some(micros),
+                _ => None,
+            }
         });
         let sample = Sample {
             topic: subscription.topic,
             time_ns: micros.map(|micros| micros * 1000),
             cells: &self.cells,
             line: subscription.samples,
-            torn: None,
         };
         self.enough |= self.visitor.sample(sample) == ControlFlow::Break(());
     }
@@ -265,7 +275,11 @@ fn next_messages(ahead: &[u8], state: &State<'_>) -> usize {
     (1..searched).find(|start| follows(*start)).unwrap_or(searched)
 }
 
-fn malformed(path: &Path, detail: &str, source: Option<Box<dyn std::error::Error + Send + Sync>>) -> LogError {
+fn malformed(
+    path: &Path,
+    detail: &str,
+    source: Option<Box<dyn std::error::Error + Send + Sync>>,
+) -> LogError {
     LogError::Malformed {
         path: path.to_owned(),
         format: Format::Ulog.words(),
