@@ -104,6 +104,10 @@ const FLIGHTS_WITH_A_LAG: &str =
 /// Files that examples read, by a part of the example.
 const FILES: &[(&str, &str)] = &[("log.csv", LOG), ("my-map.toml", MAP), ("places.csv", PLACES)];
 
+/// Logs that are no text.
+const LOGS: &[(&str, fn() -> Vec<u8>)] =
+    &[("log.ulg", || crate::logs::short(true)), ("log.bin", crate::logs::short_dataflash)];
+
 const LOG: &str = "time_s,x_m,y_m,z_m,vz_m_s,az_g,roll_deg,thrust_command,motor_pwm,battery_v
 0.00,0,0,0.0,0,0,0,0,0,4.0
 0.01,0,0,0.1,0,0,0,30000,31000,3.9
@@ -263,6 +267,11 @@ fn set_up(shell: &Shell<'_>, line: &str, faults: &mut Vec<String>) {
         let file = shell.folder.join(part);
         if reads(part) && !file.exists() {
             fs::write(file, text).unwrap();
+        }
+    }
+    for (part, make) in LOGS {
+        if reads(part) {
+            fs::write(shell.folder.join(part), make()).unwrap();
         }
     }
     for (part, make) in FIXTURES {

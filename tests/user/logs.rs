@@ -231,8 +231,8 @@ fn the_same_flights_by_each_format_have_the_same_diagnosis() {
     }
 }
 
-/// A log of one position and one command every 20 ms.
-fn short(throttle: bool) -> Vec<u8> {
+/// A log of PX4 with a position and, if wanted, a command every 20 ms.
+pub fn short(throttle: bool) -> Vec<u8> {
     let mut log = Ulog::new();
     log.format(
         "vehicle_local_position:uint64_t timestamp;uint64_t timestamp_sample;float x;float y;float z;",
@@ -252,6 +252,51 @@ fn short(throttle: bool) -> Vec<u8> {
         log.data(2, time + 2000, &floats(&[0.3]));
     }
     log.bytes()
+}
+
+/// A log of `ArduPilot` with a position and a command every 20 ms, by its estimator, whose second core says something else.
+pub fn short_dataflash() -> Vec<u8> {
+    let mut log = Dataflash::new();
+    log.format(80, "XKF1", "QBccCffffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD,OH");
+    log.format(81, "CTUN", "Qff", "TimeUS,ThO,DAlt");
+    log.format(82, "BAT", "QBff", "TimeUS,Inst,Volt,Curr");
+    for k in 0..100 {
+        let time = BOOT_US + k * 20_000;
+        for core in [0, 1] {
+            let angles = [(500_i16).to_le_bytes(), (-250_i16).to_le_bytes(), 9000_u16.to_le_bytes()].concat();
+            let down = if core == 0 { -0.01 * k as f64 } else { 7.0 };
+            let values = floats(&[0.5, 0.25, -1.0, 0.0, 1.0, 2.0, down, 0.0]);
+            log.data(80, time, &[vec![core], angles, values].concat());
+        }
+        log.data(81, time, &floats(&[0.5, 1.5]));
+        log.data(82, time, &[vec![0], floats(&[4.0, f64::NAN])].concat());
+    }
+    log.bytes()
+}
+
+#[test]
+fn a_log_of_ardupilot_finds_its_map_and_its_axes_are_turned() {
+    let scratch = Scratch::new();
+    let (log, out) = (scratch.name("log.bin"), scratch.name("log.mcap"));
+    fs::write(&log, short_dataflash()).unwrap();
+    let report = json(&bench(["import", &log, "-o", &out, "--json"]).assert().success());
+    assert_eq!(report["map"], "ardupilot");
+    // A battery that does not tell its current tells its voltage.
+    assert_eq!(
+        (&report["used"], &report["rows"], &report["skipped"]),
+        (&100.into(), &100.into(), &Value::Array(Vec::new()))
+    );
+    let flight = Flight::load(&out).unwrap();
+    let battery = flight.battery.last().unwrap();
+    assert_eq!((flight.battery.len(), battery.voltage_v, battery.current_a), (100, 4.0, None));
+    let position = flight.positions.last().unwrap();
+    assert!((position.position_m[2] - 0.99).abs() < 1e-7 && position.position_m[1] == -2.0, "{position:?}");
+    let motion = flight.motion.last().unwrap();
+    assert_eq!(motion.velocity_m_s.map(Option::unwrap), [0.5, -0.25, 1.0]);
+    let degrees = motion.attitude_rad.map(|angle| (angle.unwrap().to_degrees() * 1e9).round() / 1e9);
+    assert_eq!(degrees, [5.0, 2.5, -90.0]);
+    let state = flight.states.last().unwrap();
+    assert_eq!((state.phase, state.setpoint_m[2]), (bench_rig::Phase::Hold, 1.5));
 }
 
 #[test]

@@ -18,8 +18,8 @@ use crate::{
 /// Turn a flight log into a recording: PX4 and ArduPilot logs as they are, tables by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
-  bench import log.ulg -o log.mcap
-  bench import log.bin --rig my-quad.toml --explain -o log.mcap
+  bench import log.ulg -o px4.mcap
+  bench import log.bin --explain -o ardupilot.mcap
   bench import --map crazypad log.csv -o log.mcap
   bench import --map my-map.toml --rig my-quad.toml log.csv -o mine.mcap --json
   bench import flight.csv --rig virtual -o again.mcap

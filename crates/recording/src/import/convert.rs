@@ -13,7 +13,8 @@ use crate::{Channel, Record, Tick};
 /// What a row says of one channel; equal if the messages would be.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Sample {
-    numbers: Vec<f64>,
+    /// In the order of the map's quantities; `None` where the log does not have one.
+    numbers: Vec<Option<f64>>,
     phase: Option<Phase>,
     /// When a position was exposed, on the log's clock, ns, where the log tells.
     exposed_ns: Option<i128>,
@@ -126,13 +127,26 @@ impl<'m> Converter<'m> {
             Channel::ControlState => Some(self.map.phase.read(row)?),
             _ => None,
         };
-        // A flight without set-points has phases nevertheless.
-        let may_lack = self.map.log.is_some() && map.table.channel == Channel::ControlState;
-        let read = |quantity: &Quantity| match quantity.read(row) {
-            Err(Fault { reason: SkipReason::Empty | SkipReason::Nan, .. }) if may_lack => Ok(0.0),
-            outcome => outcome,
-        };
-        let numbers = map.quantities.iter().map(read).collect::<Result<_, _>>()?;
+        let mut lacked = None;
+        let mut numbers = Vec::with_capacity(map.quantities.len());
+        for quantity in &map.quantities {
+            match quantity.read(row) {
+                Ok(number) => numbers.push(Some(number)),
+                // A battery without a current has a voltage nevertheless.
+                Err(fault)
+                    if self.map.log.is_some()
+                        && !quantity.target.required
+                        && matches!(fault.reason, SkipReason::Empty | SkipReason::Nan) =>
+                {
+                    lacked = Some(fault);
+                    numbers.push(None);
+                }
+                Err(fault) => return Err(fault),
+            }
+        }
+        if let Some(fault) = lacked.filter(|_| phase.is_none() && numbers.iter().all(Option::is_none)) {
+            return Err(fault);
+        }
         let exposed = self.map.exposed.as_ref().filter(|_| map.table.channel == Channel::Position);
         let exposed_ns = match exposed {
             None => None,
@@ -238,6 +252,7 @@ impl ChannelState<'_> {
         for ((quantity, range), &number) in
             self.map.quantities.iter().zip(&mut self.ranges).zip(&sample.numbers)
         {
+            let Some(number) = number else { continue };
             (quantity.target.set)(&mut record, number);
             let [low, high] = range.get_or_insert([number; 2]);
             *low = low.min(number);
