@@ -233,7 +233,9 @@ impl TopicsReport {
             lines.push(title.to_owned());
             lines.extend(list.into_iter().map(|line| format!("  {line}")));
         }
-        lines.iter().map(|line| format!("{line}\n")).collect()
+        // The last line ends too.
+        lines.push(String::new());
+        lines.join("\n")
     }
 }
 
