@@ -105,8 +105,9 @@ const FLIGHTS_WITH_A_LAG: &str =
 const FILES: &[(&str, &str)] = &[("log.csv", LOG), ("my-map.toml", MAP), ("places.csv", PLACES)];
 
 /// Logs that are no text.
-const LOGS: &[(&str, fn() -> Vec<u8>)] =
+const LOGS: &[(&str, MakeLog)] =
     &[("log.ulg", || crate::logs::short(true)), ("log.bin", crate::logs::short_dataflash)];
+type MakeLog = fn() -> Vec<u8>;
 
 const LOG: &str = "time_s,x_m,y_m,z_m,vz_m_s,az_g,roll_deg,thrust_command,motor_pwm,battery_v
 0.00,0,0,0.0,0,0,0,0,0,4.0
