@@ -110,6 +110,11 @@ const FILES: &[(&str, &str)] =
 const HOVER: &str = "name = \"hover\"\ndescription = \"The airframe hovers.\"\n\n[[case]]\nname = \"climb\"\n\
                      rig = \"virtual\"\nmission = \"climb-040\"\ncompare = \"baseline\"\n";
 
+/// Logs that are no text.
+const LOGS: &[(&str, MakeLog)] =
+    &[("log.ulg", || crate::logs::short(true)), ("log.bin", crate::logs::short_dataflash)];
+type MakeLog = fn() -> Vec<u8>;
+
 const LOG: &str = "time_s,x_m,y_m,z_m,vz_m_s,az_g,roll_deg,thrust_command,motor_pwm,battery_v
 0.00,0,0,0.0,0,0,0,0,0,4.0
 0.01,0,0,0.1,0,0,0,30000,31000,3.9
@@ -269,6 +274,11 @@ fn set_up(shell: &Shell<'_>, line: &str, faults: &mut Vec<String>) {
         let file = shell.folder.join(part);
         if reads(part) && !file.exists() {
             fs::write(file, text).unwrap();
+        }
+    }
+    for (part, make) in LOGS {
+        if reads(part) {
+            fs::write(shell.folder.join(part), make()).unwrap();
         }
     }
     for (part, make) in FIXTURES {

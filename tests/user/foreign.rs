@@ -6,15 +6,15 @@ use crate::support::{Scratch, bench, json, refused, root};
 
 /// Beginnings of files of other programs, what they are called, and what the advice names.
 const FOREIGN: &[(&str, &[u8], &str, &str)] = &[
-    ("log.ulg", b"ULog\x01\x12\x35\x01 and more", "a PX4 log (ULog)", "ulog2csv"),
-    ("log.bin", b"\xa3\x95\x80\x80\x59", "an ArduPilot log", "mavlogdump.py"),
+    ("log.ulg", b"ULog\x01\x12\x35\x01 and more", "a PX4 log (ULog)", "import"),
+    ("log.bin", b"\xa3\x95\x80\x80\x59", "an ArduPilot log", "import"),
     (
         "log.bbl",
         b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n",
         "Betaflight",
         "blackbox_decode",
     ),
-    ("table.parquet", b"PAR1\x15\x04", "a Parquet table", "pandas"),
+    ("table.parquet", b"PAR1\x15\x04", "a Parquet table", "--map"),
     ("bag.db3", b"SQLite format 3\0 and more", "a bag of ROS 2", "PlotJuggler"),
     ("bag.bag", b"#ROSBAG V2.0\n", "a bag of ROS 1", "PlotJuggler"),
     ("packed.gz", b"\x1f\x8b\x08\x00", "a compressed file", "unpack"),
@@ -40,6 +40,10 @@ fn logs_of_other_programs_are_told_for_what_they_are() {
             let words = refused(bench(&arguments), 2);
             assert!(words.contains(kind), "{arguments:?}: {words}");
             assert!(empty || words.contains(advice), "{arguments:?}: {words}");
+        }
+        // What `import` reads says what is wrong with it instead: tests/user/logs.rs.
+        if ["log.ulg", "log.bin", "table.parquet"].contains(name) {
+            continue;
         }
         for map in [&["--map", "crazypad"][..], &[]] {
             let words = refused(bench(["import", &file, "-o", &out].iter().chain(map)), 2);

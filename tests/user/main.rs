@@ -15,6 +15,7 @@ mod hil;
 mod identify;
 mod import;
 mod live;
+mod logs;
 mod model;
 mod packaging;
 mod progress;

@@ -24,6 +24,9 @@ pub enum Kind {
     Suite,
 }
 
+/// The maps for logs of topics, in the order in which they are tried: those that take less for granted first.
+pub const LOG_MAPS: [&str; 5] = ["px4-vision", "px4", "px4-old", "ardupilot-vision", "ardupilot"];
+
 impl Kind {
     /// All kinds, in the order in which they are listed.
     pub const ALL: [Self; 6] =

@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use bench_logs::Format;
 use bench_rig::{
     Actuation,
     visit::{self, Value},
@@ -150,7 +151,7 @@ impl FileKind {
                 () if has("phase") => Self::Mission,
                 () if has("airframe") || has("tracker") => Self::Rig,
                 () if has("thrust") => Self::Airframe,
-                () if has("time") => Self::ImportMap,
+                () if has("time") || has("log") => Self::ImportMap,
                 () => Self::Toml,
             };
         }
@@ -190,18 +191,21 @@ impl FileKind {
         }
     }
 
+    /// How it is read as a log of topics; `None` of what is none.
+    pub const fn log_format(&self) -> Option<Format> {
+        match self {
+            Self::Ulog => Some(Format::Ulog),
+            Self::Dataflash => Some(Format::Dataflash),
+            Self::Mcap => Some(Format::Mcap),
+            _ => None,
+        }
+    }
+
     /// How a log of this kind becomes a CSV file; `None` of what holds no flight.
     fn to_csv(&self) -> Option<&'static str> {
         Some(match self {
             Self::Xlsx => "save the sheet with the flight as CSV from the spreadsheet",
-            Self::Ulog => "turn it into CSV with `ulog2csv` (Python package pyulog)",
-            Self::Dataflash => {
-                "turn it into CSV with `mavlogdump.py --format csv` (Python package pymavlink)"
-            }
             Self::Blackbox => "turn it into CSV with `blackbox_decode` (Betaflight blackbox-tools)",
-            Self::Parquet => {
-                "write it as CSV, for instance with pandas: `pandas.read_parquet(...).to_csv(...)`"
-            }
             Self::Rosbag1 | Self::Sqlite | Self::Mcap => {
                 "write the topics with position and throttle as one CSV file, for instance with PlotJuggler"
             }
@@ -221,7 +225,10 @@ impl FileKind {
             Self::OwnTable(Some(_)) => {
                 format!("`bench import {file} --rig RIG -o flight.mcap` makes a recording of it")
             }
-            Self::OwnTable(None) | Self::Csv => format!(
+            Self::Ulog | Self::Dataflash => {
+                format!("`bench import {file} -o flight.mcap` makes a recording of it")
+            }
+            Self::OwnTable(None) | Self::Csv | Self::Parquet => format!(
                 "`bench import --map MAP {file} -o flight.mcap` makes a recording of it; docs/import.md says how a map is written"
             ),
             Self::Rig | Self::Airframe => "name recordings here, and a rig with --rig".to_owned(),
@@ -242,7 +249,10 @@ impl FileKind {
     /// What to do with it where a CSV flight log is wanted; `None` for what may be one.
     pub fn instead_of_log(&self) -> Option<String> {
         Some(match self {
-            Self::OwnTable(_) | Self::Csv | Self::Text => return None,
+            Self::OwnTable(_) | Self::Csv | Self::Text | Self::Parquet => return None,
+            Self::Ulog | Self::Dataflash => {
+                "leave out --map, for `bench import` has maps for it, or name a map whose `log` is of this kind".to_owned()
+            }
             Self::Empty => "expected a CSV file whose first line names the columns".to_owned(),
             Self::Mcap => {
                 "if this bench recorded it, it needs no import: name it where a recording is wanted; otherwise write the topics with position and throttle as one CSV file, for instance with PlotJuggler, and import that".to_owned()

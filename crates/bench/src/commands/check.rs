@@ -255,13 +255,9 @@ const FOREIGN: [(&[u8], &str, &str); 8] = [
         "is a spreadsheet or an archive",
         "save the sheet as CSV and use `bench import --map MAP`",
     ),
-    (
-        b"ULog\x01\x12\x35",
-        "is a flight log of PX4 (ULog)",
-        "turn it into CSV (`ulog2csv`) and use `bench import --map MAP`",
-    ),
-    (b"\xa3\x95", "is a flight log of ArduPilot", "turn it into CSV and use `bench import --map MAP`"),
-    (b"PAR1", "is a Parquet table", "turn it into CSV and use `bench import --map MAP`"),
+    (b"ULog\x01\x12\x35", "is a flight log of PX4 (ULog)", "`bench import` makes a recording of it"),
+    (b"\xa3\x95", "is a flight log of ArduPilot", "`bench import` makes a recording of it"),
+    (b"PAR1", "is a Parquet table", "`bench import --map MAP` makes a recording of it"),
     (b"\x89HDF", "is an HDF5 file", "turn it into CSV and use `bench import --map MAP`"),
     (
         b"SQLite format 3",

@@ -1,7 +1,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use bench_recording::{FileKind, import::import};
+use bench_recording::{
+    FileKind,
+    import::{ImportMap, choose, import},
+};
 use bench_rig::Actuation;
 use clap::Args;
 
@@ -9,23 +12,26 @@ use crate::{
     arguments::{Force, Json},
     exit::Exit,
     files::{self, Form, Outputs},
-    words,
+    library, words,
 };
 
-/// Turn a CSV flight log into a recording, by a mapping file
+/// Turn a flight log into a recording: PX4 and ArduPilot logs as they are, tables by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
+  bench import log.ulg -o px4.mcap
+  bench import log.bin --explain -o ardupilot.mcap
   bench import --map crazypad log.csv -o log.mcap
   bench import --map my-map.toml --rig my-quad.toml log.csv -o mine.mcap --json
   bench import flight.csv --rig virtual -o again.mcap
 
-A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
+For logs of PX4 (ULog) and ArduPilot (dataflash) a built-in map is chosen by what is in them;
+--map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
 write a map. Rows with something wrong in them are counted and told, never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
     /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them). Not needed for
-    /// a table that `bench export` wrote
+    /// a log of PX4 or ArduPilot, or a table that `bench export` wrote
     #[arg(long, value_name = "MAP")]
     map: Option<PathBuf>,
     /// Rig to attach, instead of the map's own: a file, or the name of a built-in one
@@ -34,6 +40,9 @@ pub struct Arguments {
     /// Recording to write
     #[arg(short, long)]
     output: PathBuf,
+    /// Say what of a log of topics was used, what the map looked for in vain, and what was left
+    #[arg(long)]
+    explain: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -46,25 +55,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .from(std::iter::once(arguments.log.as_path()).chain(arguments.map.as_deref()))
         .check()?;
     let map = match &arguments.map {
-        Some(map) => map.clone(),
+        Some(map) => files::import_map(map)?,
         None => map_of(&arguments.log, arguments.rig.is_some())?,
     };
-    let map = files::import_map(&map)?;
     let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
     files::make_folder(&arguments.output)?;
     let report = import(&map, &arguments.log, &arguments.output, rig.as_ref())?;
     if arguments.json.json {
         words::print_json(&report)?;
     } else {
+        if arguments.map.is_none() && report.topics.is_some() {
+            words::print(&format!(
+                "map {}: the first of the built-in ones that finds what it needs\n",
+                map.name
+            ))?;
+        }
         words::print(&report.to_string())?;
+        if let Some(topics) = report.topics.as_ref().filter(|_| arguments.explain) {
+            words::print(&topics.explained())?;
+        }
     }
     Ok(Exit::Done)
 }
 
-/// The map of a table that `bench export` wrote. Of other logs nobody knows it.
-fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<PathBuf> {
+/// The map of a table that `bench export` wrote, or of an autopilot's log. Of other logs nobody knows it.
+fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
     let shown = log.display();
     let kind = FileKind::of(log).with_context(|| format!("cannot read {shown}"))?;
+    if let Some(map) = map_of_topics(log, &kind)? {
+        return Ok(map);
+    }
     let map = match kind {
         FileKind::OwnTable(Some(Actuation::Volt)) => "bench",
         FileKind::OwnTable(Some(Actuation::Fraction)) => "bench-fraction",
@@ -84,5 +104,14 @@ fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<PathBuf> {
             "{shown} was written by `bench export`; name the rig that it was flown on with --rig, it is not in the table"
         );
     }
-    Ok(PathBuf::from(map))
+    files::import_map(Path::new(map))
+}
+
+/// The built-in map that suits what is in a log of topics.
+fn map_of_topics(log: &Path, kind: &FileKind) -> anyhow::Result<Option<ImportMap>> {
+    let Some(format) = kind.log_format().filter(|_| *kind != FileKind::Mcap) else { return Ok(None) };
+    let maps = library::LOG_MAPS.map(|name| files::import_map(Path::new(name)));
+    let mut maps = maps.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
+    let chosen = choose(&maps, format, log)?;
+    Ok(Some(maps.swap_remove(chosen)))
 }

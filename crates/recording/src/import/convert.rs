@@ -13,7 +13,8 @@ use crate::{Channel, Record, Tick};
 /// What a row says of one channel; equal if the messages would be.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Sample {
-    numbers: Vec<f64>,
+    /// In the order of the map's quantities; `None` where the log does not have one.
+    numbers: Vec<Option<f64>>,
     phase: Option<Phase>,
     /// When a position was exposed, on the log's clock, ns, where the log tells.
     exposed_ns: Option<i128>,
@@ -80,6 +81,10 @@ impl<'m> Converter<'m> {
         let mut absent = None;
         let mut samples = Vec::with_capacity(self.channels.len());
         for channel in &self.channels {
+            if !self.is_told(channel.map, row) {
+                samples.push(None);
+                continue;
+            }
             match self.sample(channel.map, row) {
                 Ok(sample) => samples.push(Some(sample)),
                 Err(fault)
@@ -93,9 +98,27 @@ impl<'m> Converter<'m> {
             }
         }
         match absent {
-            // A row that says nothing at all.
-            Some(fault) if samples.iter().all(Option::is_none) => Err(fault),
+            // A row that says nothing at all. Samples of a log of topics are often held back for others.
+            Some(fault)
+                if samples.iter().all(Option::is_none)
+                    && (self.map.log.is_none() || fault.reason == SkipReason::Nan) =>
+            {
+                Err(fault)
+            }
             _ => Ok(Samples(samples)),
+        }
+    }
+
+    /// Whether a row brings what makes a message of a channel: its first column, or any of the state's.
+    fn is_told(&self, map: &ChannelMap, row: Row<'_>) -> bool {
+        let mut columns = map.quantities.iter().flat_map(|quantity| quantity.source.columns());
+        match map.table.channel {
+            Channel::ControlState => {
+                let phase = self.map.phase.column();
+                let mut all = columns.copied().chain(phase).peekable();
+                all.peek().is_none() || all.any(|column| row.brings(column))
+            }
+            _ => columns.next().is_none_or(|column| row.brings(*column)),
         }
     }
 
@@ -104,14 +127,32 @@ impl<'m> Converter<'m> {
             Channel::ControlState => Some(self.map.phase.read(row)?),
             _ => None,
         };
-        let numbers = map.quantities.iter().map(|quantity| quantity.read(row)).collect::<Result<_, _>>()?;
+        let mut lacked = None;
+        let mut numbers = Vec::with_capacity(map.quantities.len());
+        for quantity in &map.quantities {
+            match quantity.read(row) {
+                Ok(number) => numbers.push(Some(number)),
+                // A battery without a current has a voltage nevertheless.
+                Err(fault)
+                    if self.map.log.is_some()
+                        && !quantity.target.required
+                        && matches!(fault.reason, SkipReason::Empty | SkipReason::Nan) =>
+                {
+                    lacked = Some(fault);
+                    numbers.push(None);
+                }
+                Err(fault) => return Err(fault),
+            }
+        }
+        if let Some(fault) = lacked.filter(|_| phase.is_none() && numbers.iter().all(Option::is_none)) {
+            return Err(fault);
+        }
         let exposed = self.map.exposed.as_ref().filter(|_| map.table.channel == Channel::Position);
         let exposed_ns = match exposed {
             None => None,
             Some(exposed) => {
                 let nanos = row.nanos(exposed.column, exposed.unit)?;
-                let now = row.nanos(self.map.time.column, self.map.time.unit)?;
-                if nanos > now {
+                if nanos > self.map.time_ns(row)? {
                     // Nobody sees what is still to come.
                     return Err(SkipReason::OutOfRange.in_column(exposed.column));
                 }
@@ -211,6 +252,7 @@ impl ChannelState<'_> {
         for ((quantity, range), &number) in
             self.map.quantities.iter().zip(&mut self.ranges).zip(&sample.numbers)
         {
+            let Some(number) = number else { continue };
             (quantity.target.set)(&mut record, number);
             let [low, high] = range.get_or_insert([number; 2]);
             *low = low.min(number);
@@ -243,7 +285,7 @@ impl PhaseSource {
             Self::Names(column, names) => {
                 let text = row.text(*column)?;
                 let reason = if text.is_empty() { SkipReason::Empty } else { SkipReason::UnknownPhase };
-                let named = names.iter().find(|(name, _)| name == text);
+                let named = names.iter().find(|(name, _)| *name == text);
                 named.map(|(_, phase)| *phase).ok_or_else(|| reason.in_column(*column))
             }
             Self::Thresholds(column, thresholds) => {
@@ -251,6 +293,17 @@ impl PhaseSource {
                 let reached = thresholds.iter().rev().find(|(from, _)| *from <= number);
                 reached.map(|(_, phase)| *phase).ok_or_else(|| SkipReason::OutOfRange.in_column(*column))
             }
+        }
+    }
+}
+
+impl ImportMap {
+    /// The log's time at a row, ns.
+    pub(super) fn time_ns(&self, row: Row<'_>) -> Result<i128, Fault> {
+        match (row.stamp_ns(), &self.time) {
+            (Some(nanos), _) => Ok(nanos),
+            (None, Some(time)) => row.nanos(time.column, time.unit),
+            (None, None) => Err(Fault { reason: SkipReason::Empty, column: None }),
         }
     }
 }

@@ -1,5 +1,6 @@
 use std::{io, path::PathBuf};
 
+use bench_logs::LogError;
 use bench_rig::{Actuation, Location, RigError};
 use thiserror::Error;
 
@@ -30,6 +31,38 @@ pub enum ImportError {
         kind: FileKind,
         /// What to do.
         advice: String,
+    },
+    /// A log of topics cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The map is for logs of another kind.
+    #[error("{} is {}, and map {map} is for {expected}; name another map, or none", path.display(), kind.name())]
+    OtherLog {
+        /// The log.
+        path: PathBuf,
+        /// What it is.
+        kind: FileKind,
+        /// The map's name.
+        map: String,
+        /// What the map is for, in words.
+        expected: &'static str,
+    },
+    /// A log of topics has no altitude that a map finds.
+    #[error(
+        "{} has no altitude that {} looks for: of {} there is none. {}. Without an altitude there is no flight; a map of your own may \
+         name another topic (docs/import.md)",
+        path.display(), maps.join(" or "), missing.join(", "),
+        if topics.is_empty() { "It has no topics at all".to_owned() } else { format!("Its topics are {}", topics.join(", ")) }
+    )]
+    NoAltitude {
+        /// The log.
+        path: PathBuf,
+        /// The maps' names.
+        maps: Vec<String>,
+        /// Columns that the maps name and the log does not have.
+        missing: Vec<String>,
+        /// What the log has.
+        topics: Vec<String>,
     },
     /// The log has no header.
     #[error("{} is empty; expected a CSV file whose first line names the columns", path.display())]

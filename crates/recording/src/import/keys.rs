@@ -9,7 +9,7 @@ use bench_rig::{
 use super::{
     map::ImportMap,
     number::TimeUnit,
-    read::{DELIMITERS, EMPTY, GRAVITY, KEEP, LATENCY, PERIOD},
+    read::{DELIMITERS, EMPTY, GRAVITY, KEEP, LATENCY, LOGS, PERIOD},
     target::{Dimension, TABLES, Table, Target},
 };
 use crate::Channel;
@@ -17,19 +17,21 @@ use crate::Channel;
 impl ImportMap {
     /// Every key of a mapping file.
     pub fn keys() -> Vec<Form> {
-        let mut keys = vec![
+        let shared = [
             Key::required("name", "Name of the map, kept with what was imported.", Kind::Text),
             Key::optional(
                 "rig",
                 "Rig that is attached when no other is named, seen from the map's folder.",
                 Kind::File,
             ),
-            Key::optional("delimiter", "What stands between the cells.", choice(&DELIMITERS)).or_text(","),
             Key::optional("actuation", "Unit of the sticks.", choice(&Actuation::CHOICES))
                 .beside(&["command", "readback"]),
+        ];
+        let of_tables = vec![
+            Key::optional("delimiter", "What stands between the cells.", choice(&DELIMITERS)).or_text(","),
             table(
                 "time",
-                "The time of a row.",
+                "The time of a row of a table.",
                 vec![
                     column("column"),
                     Key::required("unit", "The unit that the column is in.", choice(&TimeUnit::CHOICES)),
@@ -53,8 +55,16 @@ impl ImportMap {
                 vec![Key::required("period_s", "The loop's period, or \"rig\".", setting(PERIOD))],
             )),
         ];
-        keys.extend(TABLES.iter().map(channel));
-        Form::only(keys)
+        let of_topics = vec![Key::required(
+            "log",
+            "The kind of log of topics that the map is for, instead of a table: columns are called TOPIC.FIELD, and samples have \
+             their own times.",
+            choice(&LOGS),
+        )];
+        Form::any([of_tables, of_topics].map(|of| {
+            let channels = TABLES.iter().map(channel);
+            shared.iter().cloned().chain(of).chain(channels).collect()
+        }))
     }
 }
 

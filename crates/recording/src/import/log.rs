@@ -1,6 +1,7 @@
 //! The CSV file: columns found by name, cells given out as checked values.
 
 use std::{
+    borrow::Cow,
     fs::File,
     io::{self, BufRead as _, BufReader, Read as _},
     path::Path,
@@ -15,6 +16,7 @@ use super::{
     map::ColumnId,
     number::{TimeUnit, finite, nanos},
     report::SkipReason,
+    topics::{Held, Value},
 };
 use crate::FileKind;
 
@@ -37,10 +39,22 @@ pub(super) struct Fault {
 
 /// One row.
 #[derive(Clone, Copy)]
-pub(super) struct Row<'a> {
-    record: &'a ByteRecord,
-    places: &'a [usize],
-    width: usize,
+pub(super) struct Row<'a>(Kind<'a>);
+
+#[derive(Clone, Copy)]
+enum Kind<'a> {
+    Text {
+        record: &'a ByteRecord,
+        places: &'a [usize],
+        width: usize,
+    },
+    /// In the order of the map's columns.
+    Cells {
+        held: &'a [Held],
+        line: u64,
+        /// The log's time, ns, where it is in no column.
+        stamp_ns: Option<i128>,
+    },
 }
 
 fn begins_with_text(path: &Path) -> io::Result<bool> {
@@ -82,11 +96,16 @@ impl Log {
     /// The next row below the header.
     pub fn next_row(&mut self, path: &Path) -> Result<Option<Row<'_>>, ImportError> {
         let more = self.reader.read_byte_record(&mut self.record).map_err(|error| read_error(path, error))?;
-        Ok(more.then_some(Row { record: &self.record, places: &self.places, width: self.width }))
+        let row = Kind::Text { record: &self.record, places: &self.places, width: self.width };
+        Ok(more.then_some(Row(row)))
     }
 }
 
-fn find_columns(map: &ImportMap, path: &Path, columns: &[String]) -> Result<Vec<usize>, ImportError> {
+pub(super) fn find_columns(
+    map: &ImportMap,
+    path: &Path,
+    columns: &[String],
+) -> Result<Vec<usize>, ImportError> {
     let mut problems = Vec::new();
     let mut places = Vec::with_capacity(map.columns.len());
     for column in &map.columns {
@@ -112,35 +131,78 @@ fn read_error(path: &Path, error: csv::Error) -> ImportError {
     ImportError::Read { path: path.to_owned(), source: error.into() }
 }
 
-impl Row<'_> {
-    /// Line in the file, counted from one.
+impl<'a> Row<'a> {
+    /// A row that is no text.
+    pub fn of_cells(held: &'a [Held], line: u64, stamp_ns: Option<i128>) -> Self {
+        Self(Kind::Cells { held, line, stamp_ns })
+    }
+
+    /// Line in the file, or which row it is; counted from one.
     pub fn line(&self) -> u64 {
-        self.record.position().map_or(0, csv::Position::line)
+        match self.0 {
+            Kind::Text { record, .. } => record.position().map_or(0, csv::Position::line),
+            Kind::Cells { line, .. } => line,
+        }
     }
 
     /// Whether it is as wide as the header.
     pub fn is_whole(&self) -> bool {
-        self.record.len() == self.width
+        match self.0 {
+            Kind::Text { record, width, .. } => record.len() == width,
+            Kind::Cells { .. } => true,
+        }
+    }
+
+    /// The log's time, ns, where it is in no column.
+    pub fn stamp_ns(&self) -> Option<i128> {
+        match self.0 {
+            Kind::Text { .. } => None,
+            Kind::Cells { stamp_ns, .. } => stamp_ns,
+        }
+    }
+
+    /// Whether a column's value came with this row; else it is the last one before.
+    pub fn brings(&self, column: ColumnId) -> bool {
+        match self.0 {
+            Kind::Text { .. } => true,
+            Kind::Cells { held, .. } => held[column.0].is_new,
+        }
     }
 
     /// What stands in a column, for messages; of a row of the wrong width, all of it.
     pub fn found(&self, column: Option<ColumnId>) -> String {
-        match column {
-            Some(column) => String::from_utf8_lossy(&self.record[self.places[column.0]]).into_owned(),
-            None => String::from_utf8_lossy(self.record.as_slice()).into_owned(),
+        match (self.0, column) {
+            (Kind::Text { record, places, .. }, Some(column)) => {
+                String::from_utf8_lossy(&record[places[column.0]]).into_owned()
+            }
+            (Kind::Text { record, .. }, None) => String::from_utf8_lossy(record.as_slice()).into_owned(),
+            (Kind::Cells { held, .. }, Some(column)) => held[column.0].value.to_string(),
+            (Kind::Cells { stamp_ns, .. }, None) => {
+                stamp_ns.map_or_else(String::new, |nanos| format!("{nanos} ns"))
+            }
         }
     }
 
     /// The text of a cell without surrounding space. The row must be whole.
-    pub fn text(&self, column: ColumnId) -> Result<&str, Fault> {
-        str::from_utf8(&self.record[self.places[column.0]])
-            .map(str::trim)
-            .map_err(|_| SkipReason::NotANumber.in_column(column))
+    pub fn text(&self, column: ColumnId) -> Result<Cow<'a, str>, Fault> {
+        match self.0 {
+            Kind::Text { record, places, .. } => str::from_utf8(&record[places[column.0]])
+                .map(|text| Cow::Borrowed(text.trim()))
+                .map_err(|_| SkipReason::NotANumber.in_column(column)),
+            Kind::Cells { held, .. } => Ok(match &held[column.0].value {
+                Value::Text(text) => Cow::Borrowed(text),
+                other => Cow::Owned(other.to_string()),
+            }),
+        }
     }
 
     /// The number of a cell, within `valid` where that is given.
     pub fn number(&self, column: ColumnId, valid: Option<Range>) -> Result<f64, Fault> {
-        let number = finite(self.text(column)?).map_err(|reason| reason.in_column(column))?;
+        let number = match self.0 {
+            Kind::Cells { held, .. } => held[column.0].value.finite(),
+            Kind::Text { .. } => finite(&self.text(column)?),
+        };
+        let number = number.map_err(|reason| reason.in_column(column))?;
         if valid.is_none_or(|valid| valid.contains(number)) {
             Ok(number)
         } else {
@@ -150,7 +212,7 @@ impl Row<'_> {
 
     /// The time of a cell, ns.
     pub fn nanos(&self, column: ColumnId, unit: TimeUnit) -> Result<i128, Fault> {
-        nanos(self.text(column)?, unit).map_err(|reason| reason.in_column(column))
+        nanos(&self.text(column)?, unit).map_err(|reason| reason.in_column(column))
     }
 }
 

@@ -6,6 +6,7 @@ use std::{
 };
 
 use bench_device::Sticks;
+use bench_logs::Format;
 use bench_rig::{
     Actuation, Location, Phase, Problem, Rig, RigError,
     visit::{self, Range, Reader},
@@ -17,9 +18,9 @@ use super::{
 };
 use crate::Channel;
 
-/// A mapping file: how the columns of a CSV flight log become the channels of a recording. `docs/import.md` tells how to
+/// A mapping file: how the columns of a flight log become the channels of a recording. `docs/import.md` tells how to
 /// write one.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ImportMap {
     /// Its name, recorded with what was imported.
     pub name: String,
@@ -30,7 +31,10 @@ pub struct ImportMap {
     pub(super) file: PathBuf,
     pub(super) text: String,
     pub(super) delimiter: u8,
-    pub(super) time: TimeColumn,
+    /// The kind of log of topics that it is for; `None`: tables.
+    pub(super) log: Option<Format>,
+    /// Where the time of a row stands; in logs of topics each sample has its own.
+    pub(super) time: Option<TimeColumn>,
     pub(super) filters: Vec<Filter>,
     /// The loop's nominal period, where ticks are wanted.
     pub(super) tick_period: Option<Setting>,
@@ -58,14 +62,14 @@ pub(super) struct ColumnUse {
     pub key: String,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct TimeColumn {
     pub column: ColumnId,
     pub unit: TimeUnit,
 }
 
 /// Keeps the rows whose column is at least `at_least` and below `below`.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Filter {
     pub column: ColumnId,
     pub at_least: f64,
@@ -80,7 +84,7 @@ pub(super) enum Setting {
     FromRig(Location, String),
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum PhaseSource {
     Constant(Phase),
     /// By what the cell says.
@@ -90,7 +94,7 @@ pub(super) enum PhaseSource {
 }
 
 /// One table of the map.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ChannelMap {
     pub table: &'static Table,
     pub quantities: Vec<Quantity>,
@@ -101,13 +105,13 @@ pub(super) struct ChannelMap {
     pub may_be_absent: bool,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Quantity {
     pub target: &'static Target,
     pub source: Source,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum Source {
     /// In the recording's unit.
     Constant(f64),
@@ -137,7 +141,8 @@ impl ImportMap {
             file: file.to_owned(),
             text: text.to_owned(),
             delimiter: b',',
-            time: TimeColumn { column: ColumnId(0), unit: TimeUnit::CHOICES[0].1 },
+            log: None,
+            time: None,
             filters: Vec::new(),
             tick_period: None,
             latency: Setting::Given(0.0),
@@ -150,6 +155,11 @@ impl ImportMap {
         let mut problems = Vec::new();
         Reader::read(file, "", &root, &mut problems, |reader| map.fill(reader));
         if problems.is_empty() { Ok(map) } else { Err(RigError::Invalid(problems)) }
+    }
+
+    /// The kind of log of topics that the map is for; `None`: tables.
+    pub fn log(&self) -> Option<Format> {
+        self.log
     }
 
     /// The rig that the map names, if it names one.

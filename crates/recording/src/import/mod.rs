@@ -1,4 +1,4 @@
-//! CSV flight logs of other benches and airframes to recordings of the same shape as a simulated one.
+//! Flight logs of other benches and airframes to recordings of the same shape as a simulated one.
 //!
 //! An [`ImportMap`] says which column is what, in which unit; [`import`] applies it. What is not a number, lies outside
 //! the range that the map declares or goes back in time is counted and told in the [`ImportReport`], never used.
@@ -14,10 +14,12 @@ mod output;
 mod read;
 mod report;
 mod target;
+mod topics;
 
-use std::{cmp::Ordering, path::Path};
+use std::{borrow::Cow, cmp::Ordering, path::Path};
 
 use bench_device::Time;
+use bench_logs::{Format, Survey};
 use bench_rig::{Phase, Rig, RigError};
 
 use self::{
@@ -25,15 +27,16 @@ use self::{
     log::{Fault, Log, Row},
     map::{Setting, sticks_at_rest},
     output::Output,
+    topics::{read_table, read_topics},
 };
 pub use self::{
     error::{ColumnProblem, ImportError},
     map::ImportMap,
-    report::{ImportReport, QuantityRange, SkipReason, Skipped},
+    report::{ImportReport, LossReport, QuantityRange, SkipReason, Skipped, TopicsReport},
 };
-use crate::{Event, EventText, Level, Record, RecordingError, recover::same_file};
+use crate::{Channel, Event, EventText, FileKind, Level, Record, RecordingError, recover::same_file};
 
-/// Imports the CSV file `log` into the recording `out`, with `rig` or else the map's own rig attached.
+/// Imports the flight log `log` into the recording `out`, with `rig` or else the map's own rig attached.
 ///
 /// Time zero is the first row that can be used. `out` appears only when it is whole; an ordinary file there is replaced.
 /// The same log, map and rig give the same bytes.
@@ -43,13 +46,30 @@ pub fn import(
     out: &Path,
     rig: Option<&Rig>,
 ) -> Result<ImportReport, ImportError> {
+    let unread = |source| ImportError::Read { path: log.to_owned(), source };
+    let kind = FileKind::of(log).map_err(unread)?;
+    let (fitted, topics) = match map.log {
+        None => (Cow::Borrowed(map), None),
+        Some(format) if kind.log_format() == Some(format) => {
+            let (map, topics) = fit(map, format, log)?;
+            (Cow::Owned(map), Some(topics))
+        }
+        Some(format) => {
+            let (path, map) = (log.to_owned(), map.name.clone());
+            return Err(ImportError::OtherLog { path, kind, map, expected: format.words() });
+        }
+    };
+    let map = &*fitted;
     let own_rig = if rig.is_none() { map.load_rig()? } else { None };
     let rig = rig.or(own_rig.as_ref());
     check_actuation(map, rig)?;
     if same_file(log, out) {
         return Err(RecordingError::OutputIsInput { path: out.to_owned() }.into());
     }
-    let mut rows = Log::open(map, log)?;
+    let mut rows = match (map.log, &kind) {
+        (None, FileKind::Parquet) | (Some(_), _) => None,
+        (None, _) => Some(Log::open(map, log)?),
+    };
     let mut import = Import {
         map,
         rig,
@@ -61,10 +81,65 @@ pub fn import(
         records: Vec::new(),
         report: ImportReport::new(log, &map.name, rig.map(|rig| rig.name.as_str()), out),
     };
-    while let Some(row) = rows.next_row(log)? {
-        import.take(row)?;
+    import.report.topics = topics;
+    match (&mut rows, map.log) {
+        (Some(rows), _) => {
+            while let Some(row) = rows.next_row(log)? {
+                import.take(row)?;
+            }
+        }
+        (None, None) => read_table(map, log, &mut |row| import.take(row))?,
+        (None, Some(format)) => {
+            let (losses, wild) = read_topics(map, format, log, &mut |row| import.take(row))?;
+            if let Some(topics) = &mut import.report.topics {
+                (topics.losses, topics.wild_stamps) = (losses.into(), wild);
+            }
+        }
     }
     import.finish()
+}
+
+/// Fits a map to what a log of topics holds.
+fn fit(map: &ImportMap, format: Format, log: &Path) -> Result<(ImportMap, TopicsReport), ImportError> {
+    let survey = Survey::of(log, format)?;
+    let mut map = map.clone();
+    let missing = map.fit(&survey);
+    if !map.channels.iter().any(|channel| channel.table.channel == Channel::Position) {
+        return Err(ImportError::NoAltitude {
+            path: log.to_owned(),
+            maps: vec![map.name],
+            topics: topics::words(&survey, &missing),
+            missing,
+        });
+    }
+    let used = map.used_names();
+    let topics = TopicsReport::new(format, &survey, used, missing, map.has_sticks());
+    Ok((map, topics))
+}
+
+/// Which of some maps suits a log of topics: the first that finds altitude and throttle in it, else the first that finds an altitude.
+pub fn choose(maps: &[ImportMap], format: Format, log: &Path) -> Result<usize, ImportError> {
+    let survey = Survey::of(log, format)?;
+    let suits = |map: &ImportMap, channels: &[Channel]| {
+        map.log == Some(format) && map.needed(channels).all(|column| topics::has(&survey, column))
+    };
+    let all = [Channel::Position, Channel::Command];
+    let whole = maps.iter().position(|map| suits(map, &all));
+    let found = whole.or_else(|| maps.iter().position(|map| suits(map, &[Channel::Position])));
+    found.ok_or_else(|| {
+        let for_it = || maps.iter().filter(|map| map.log == Some(format));
+        let mut missing: Vec<String> =
+            for_it().flat_map(|map| map.needed(&[Channel::Position]).map(str::to_owned)).collect();
+        missing.retain(|column| !topics::has(&survey, column));
+        missing.sort();
+        missing.dedup();
+        ImportError::NoAltitude {
+            path: log.to_owned(),
+            maps: for_it().map(|map| map.name.clone()).collect(),
+            topics: topics::words(&survey, &missing),
+            missing,
+        }
+    })
 }
 
 /// Says whether the rig that a map names can be read and suits it. A map that names none suits any.
@@ -160,8 +235,8 @@ impl Import<'_> {
         if !self.converter.keeps(row)? {
             return Ok(None);
         }
-        let column = self.map.time.column;
-        let nanos = row.nanos(column, self.map.time.unit)?;
+        let column = self.map.time.as_ref().map(|time| time.column);
+        let nanos = self.map.time_ns(row)?;
         let reason = match self.latest_ns.map(|latest| nanos.cmp(&latest)) {
             Some(Ordering::Less) => Some(SkipReason::TimeBack),
             Some(Ordering::Equal) => Some(SkipReason::TimeRepeated),
@@ -171,7 +246,7 @@ impl Import<'_> {
             _ => None,
         };
         if let Some(reason) = reason {
-            return Err(reason.in_column(column));
+            return Err(Fault { reason, column });
         }
         self.latest_ns = Some(nanos);
         Ok(Some(nanos))
@@ -217,6 +292,11 @@ impl Import<'_> {
         };
         for skipped in report.skipped.clone() {
             output.put(event(self.end, Level::Warning, &format!("import: {skipped}")), &mut report);
+        }
+        if let Some(topics) = report.topics.clone() {
+            for lost in topics.lost() {
+                output.put(event(self.end, Level::Warning, &format!("import: {lost}")), &mut report);
+            }
         }
         output.finish()?;
         report.positions_before_origin = self.converter.positions_before_origin;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use bench_logs::Format;
 use bench_rig::{
     Actuation, GRAVITY_M_S2, Phase,
     visit::{Node, Range, Reader, Value},
@@ -21,6 +22,9 @@ const ANY: Range = Range::ANY;
 pub(super) const PERIOD: Range = Range::closed(1e-6, 3600.0);
 pub(super) const LATENCY: Range = Range::closed(0.0, 10.0);
 pub(super) const DELIMITERS: [(&str, u8); 3] = [(",", b','), (";", b';'), ("\t", b'\t')];
+/// Logs of topics.
+pub(super) const LOGS: [(&str, Option<Format>); 3] =
+    [("ulog", Some(Format::Ulog)), ("dataflash", Some(Format::Dataflash)), ("mcap", Some(Format::Mcap))];
 /// Whether only changes are kept.
 pub(super) const KEEP: [(&str, bool); 2] = [("all", false), ("changes", true)];
 /// Whether an empty cell only means that there is no message.
@@ -41,15 +45,21 @@ impl ImportMap {
         if ["actuation", "command", "readback"].iter().any(|key| reader.has(key)) {
             reader.choice("actuation", &Actuation::CHOICES, &mut self.actuation);
         }
-        reader.table("time", |reader| {
-            if let Some(column) = self.column(reader, "column") {
-                self.time.column = column;
+        if reader.get("log").is_some() {
+            reader.choice("log", &LOGS, &mut self.log);
+        }
+        // Samples of a log of topics have their own stamps, and are no iterations of a loop.
+        if self.log.is_none() {
+            reader.table("time", |reader| {
+                let column = self.column(reader, "column");
+                let mut unit = TimeUnit::CHOICES[0].1;
+                reader.choice("unit", &TimeUnit::CHOICES, &mut unit);
+                self.time = column.map(|column| TimeColumn { column, unit });
+            });
+            self.read_filters(reader);
+            if reader.get("tick").is_some() {
+                reader.table("tick", |reader| self.tick_period = setting(reader, "period_s", PERIOD));
             }
-            reader.choice("unit", &TimeUnit::CHOICES, &mut self.time.unit);
-        });
-        self.read_filters(reader);
-        if reader.get("tick").is_some() {
-            reader.table("tick", |reader| self.tick_period = setting(reader, "period_s", PERIOD));
         }
         for table in TABLES {
             if reader.get(table.name).is_some() {
@@ -104,7 +114,8 @@ impl ImportMap {
         }
         let mut every_s = None;
         reader.maybe("every_s", PERIOD, &mut every_s);
-        let mut may_be_absent = false;
+        // A sample that a log of topics does not have is no fault.
+        let mut may_be_absent = self.log.is_some();
         if reader.get("empty").is_some() {
             reader.choice("empty", &EMPTY, &mut may_be_absent);
         }

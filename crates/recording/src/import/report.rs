@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use bench_logs::{Format, Losses, Survey};
 use serde::Serialize;
 
 /// Name and version of the report's form as JSON.
@@ -117,10 +118,125 @@ pub struct ImportReport {
     pub time_offset_s: f64,
     /// From the first to the last used row, s.
     pub duration_s: f64,
+    /// What became of a log of topics; `None` of tables.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub topics: Option<TopicsReport>,
     /// Messages by channel.
     pub channels: BTreeMap<&'static str, u64>,
     /// Ranges of what was imported, in the order of the map's tables.
     pub quantities: Vec<QuantityRange>,
+}
+
+/// What became of a log of topics.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TopicsReport {
+    /// What the log is, in words.
+    pub format: &'static str,
+    /// The columns that were used, sorted.
+    pub used: Vec<String>,
+    /// The columns that the map names and the log does not have, sorted.
+    pub missing: Vec<String>,
+    /// Topics of which nothing was used, in the log's order.
+    pub unused: Vec<UnusedTopic>,
+    /// Whether a throttle was found.
+    pub has_throttle: bool,
+    /// What the log does not hold any more.
+    pub losses: LossReport,
+    /// Samples that were left out because their time is a minute and more after all others'.
+    pub wild_stamps: u64,
+}
+
+/// A topic of which nothing was used.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct UnusedTopic {
+    /// Its name in the log.
+    pub topic: String,
+    /// How many samples it has.
+    pub samples: u64,
+}
+
+/// What a log does not hold any more, as far as it can be told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct LossReport {
+    /// It ends in the middle of a message.
+    pub cut: bool,
+    /// Messages that are there and cannot be read.
+    pub damaged: u64,
+    /// Bytes that were passed over.
+    pub skipped_bytes: u64,
+    /// Gaps that the logger tells of.
+    pub dropouts: u64,
+    /// How long they were together, where the logger says it, s.
+    pub dropout_s: f64,
+}
+
+impl From<Losses> for LossReport {
+    fn from(losses: Losses) -> Self {
+        let Losses { cut, damaged, skipped_bytes, dropouts, dropout_s } = losses;
+        Self { cut, damaged, skipped_bytes, dropouts, dropout_s }
+    }
+}
+
+impl From<LossReport> for Losses {
+    fn from(losses: LossReport) -> Self {
+        let LossReport { cut, damaged, skipped_bytes, dropouts, dropout_s } = losses;
+        Self { cut, damaged, skipped_bytes, dropouts, dropout_s }
+    }
+}
+
+impl TopicsReport {
+    pub(super) fn new(
+        format: Format,
+        survey: &Survey,
+        used: Vec<String>,
+        missing: Vec<String>,
+        has_throttle: bool,
+    ) -> Self {
+        let is_used = |name: &str| {
+            used.iter().any(|column| column.strip_prefix(name).is_some_and(|rest| rest.starts_with('.')))
+        };
+        let topics = survey.topics.iter().filter(|found| !is_used(&found.topic.name));
+        let unused = topics
+            .map(|found| UnusedTopic { topic: found.topic.name.clone(), samples: found.samples })
+            .collect();
+        let losses = survey.losses.into();
+        Self { format: format.words(), used, missing, unused, has_throttle, losses, wild_stamps: 0 }
+    }
+
+    /// What was lost, in words.
+    pub fn lost(&self) -> Vec<String> {
+        let losses = Losses::from(self.losses);
+        let mut lost = Vec::new();
+        if !losses.is_none() {
+            lost.push(format!("lost of the log: {losses}"));
+        }
+        if self.wild_stamps > 0 {
+            lost.push(format!(
+                "{} samples left out: their time is a minute and more after all others'",
+                self.wild_stamps
+            ));
+        }
+        lost
+    }
+
+    /// What was used, missed and left, in lines.
+    pub fn explained(&self) -> String {
+        let unused =
+            self.unused.iter().map(|UnusedTopic { topic, samples }| format!("{topic} ({samples} samples)"));
+        let lists = [
+            ("used:", self.used.clone()),
+            ("named by the map, not in the log:", self.missing.clone()),
+            ("in the log, not used:", unused.collect()),
+        ];
+        let mut lines = Vec::new();
+        for (title, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
+            lines.push(title.to_owned());
+            lines.extend(list.into_iter().map(|line| format!("  {line}")));
+        }
+        // The last line ends too.
+        lines.push(String::new());
+        lines.join("\n")
+    }
 }
 
 impl ImportReport {
@@ -138,6 +254,7 @@ impl ImportReport {
             positions_before_origin: 0,
             time_offset_s: 0.0,
             duration_s: 0.0,
+            topics: None,
             channels: BTreeMap::new(),
             quantities: Vec::new(),
         }
@@ -184,6 +301,12 @@ impl fmt::Display for ImportReport {
                 "{} positions left out: exposed before the first used row",
                 self.positions_before_origin
             )?;
+        }
+        for line in self.topics.iter().flat_map(TopicsReport::lost) {
+            writeln!(f, "{line}")?;
+        }
+        if self.topics.as_ref().is_some_and(|topics| !topics.has_throttle) {
+            writeln!(f, "no throttle in the log: the flight can be viewed and compared, not diagnosed")?;
         }
         writeln!(f, "duration {:.3} s, from {:.3} s of the log's time", self.duration_s, self.time_offset_s)?;
         for (topic, count) in &self.channels {

@@ -1,0 +1,386 @@
+//! Logs of autopilots, as they are: a flight of the virtual airframe written in each format with that format's conventions.
+
+use std::fs;
+
+use bench_device::PositionSample;
+use bench_recording::Flight;
+use serde_json::Value;
+
+use crate::support::{Scratch, bench, json, refused, root, stdout};
+
+#[path = "../../crates/logs/tests/logs/writers.rs"]
+mod writers;
+
+use writers::{Dataflash, Ulog, floats};
+
+/// How long the autopilot was on before the flight, us.
+const BOOT_US: u64 = 100_000_000;
+
+/// The virtual rig with sticks in fractions of their range, as autopilots log them.
+fn rig(scratch: &Scratch) -> String {
+    let read = |name: &str| fs::read_to_string(root().join("rigs").join(name)).unwrap();
+    let mut airframe: toml::Table = read("airframes/hubsan-q4.toml").parse().unwrap();
+    airframe["actuation"] = "fraction".into();
+    let volts = 3.3;
+    for table in ["thrust", "sticks"] {
+        let keys = airframe[table].as_table_mut().unwrap();
+        for (key, factor) in [
+            ("gain_n_per", volts),
+            ("offset", 1.0 / volts),
+            ("min", 1.0 / volts),
+            ("max", 1.0 / volts),
+            ("centre", 1.0 / volts),
+            ("tilt_rad_per", volts),
+            ("yaw_rate_rad_s_per", volts),
+        ] {
+            let Some(mut value) = keys.remove(&format!("{key}_v")) else { continue };
+            match &mut value {
+                toml::Value::Float(number) => *number *= factor,
+                toml::Value::Table(uncertain) => {
+                    for name in ["value", "sigma"] {
+                        uncertain[name] = (uncertain[name].as_float().unwrap() * factor).into();
+                    }
+                }
+                other => panic!("{other}"),
+            }
+            keys.insert(format!("{key}_fraction"), value);
+        }
+    }
+    fs::write(scratch.path("quad.toml"), airframe.to_string()).unwrap();
+    let rig = read("virtual.toml").replace("airframes/hubsan-q4.toml", "quad.toml");
+    fs::write(scratch.path("rig.toml"), rig.replace("six-degree", "vertical")).unwrap();
+    scratch.name("rig.toml")
+}
+
+fn micros(time: bench_device::Time) -> u64 {
+    BOOT_US + time.nanos() / 1000
+}
+
+/// What both autopilots say of a position, in their axes: north, east, down.
+fn ned(position: &PositionSample) -> [f64; 3] {
+    let [x, y, z] = position.position_m;
+    [x, -y, -z]
+}
+
+fn seen(flight: &Flight) -> impl Iterator<Item = &PositionSample> {
+    flight.positions.iter().filter(|position| position.status == bench_device::TrackStatus::Found)
+}
+
+/// As PX4 logs it: times in us, north-east-down, thrust from 0 to -1.
+fn px4(flight: &Flight) -> Vec<u8> {
+    let mut log = Ulog::new();
+    log.info("sys_name", "PX4");
+    log.parameter("MPC_THR_HOVER", 0.5);
+    log.format(
+        "vehicle_visual_odometry:uint64_t timestamp;uint64_t timestamp_sample;float[3] position;float[4] q;",
+    );
+    log.format("vehicle_thrust_setpoint:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;");
+    log.format("sensor_baro:uint64_t timestamp;float pressure;");
+    log.subscribe(0, 0, "vehicle_visual_odometry");
+    log.subscribe(1, 0, "vehicle_thrust_setpoint");
+    log.subscribe(2, 0, "sensor_baro");
+    log.data(2, BOOT_US - 5_000_000, &floats(&[101_325.0]));
+    log.dropout(20);
+    for position in seen(flight) {
+        let exposed = micros(position.exposed_at).to_le_bytes();
+        let half = -0.5 * position.heading_rad.unwrap_or(0.0);
+        let pose = [&ned(position)[..], &[half.cos(), 0.0, 0.0, half.sin()]].concat();
+        log.data(0, micros(position.arrived_at), &[&exposed[..], &floats(&pose)].concat());
+    }
+    // A logger writes topic by topic, not in the order of times; within a second.
+    let mut bytes = log.bytes();
+    let mut commands = Ulog::new();
+    for command in &flight.commands {
+        let time = micros(command.time);
+        let thrust = floats(&[0.0, 0.0, -command.sticks.throttle]);
+        commands.data(1, time, &[&time.to_le_bytes()[..], &thrust].concat());
+    }
+    let commands = commands.bytes().split_off(16 + 43);
+    interleave(&mut bytes, &commands);
+    bytes
+}
+
+/// Brings the messages of a second log among those of the first, by their stamps.
+fn interleave(bytes: &mut Vec<u8>, more: &[u8]) {
+    let split = |bytes: &[u8], from: usize| {
+        let mut at = from;
+        let mut messages = Vec::new();
+        while at < bytes.len() {
+            let length = 3 + usize::from(u16::from_le_bytes([bytes[at], bytes[at + 1]]));
+            messages.push(bytes[at..at + length].to_vec());
+            at += length;
+        }
+        messages
+    };
+    let stamp = |message: &Vec<u8>| match message[2] {
+        b'D' => u64::from_le_bytes(message[5..13].try_into().unwrap()),
+        _ => 0,
+    };
+    let mut messages = split(bytes, 16);
+    messages.extend(split(more, 0));
+    messages.sort_by_key(stamp);
+    bytes.truncate(16);
+    bytes.extend(messages.concat());
+}
+
+/// As `ArduPilot` logs it: exposures in whole milliseconds, north-east-down, throttle from 0 to 1.
+fn ardupilot(flight: &Flight) -> Vec<u8> {
+    let mut log = Dataflash::new();
+    log.format(80, "VISP", "QQIffffffffBBb", "TimeUS,RTimeUS,CTimeMS,PX,PY,PZ,R,P,Y,PErr,AErr,Rst,Ign,Q");
+    log.format(81, "CTUN", "Qffffffefffhh", "TimeUS,ThI,ABst,ThO,ThH,DAlt,Alt,BAlt,DSAlt,SAlt,TAlt,DCRt,CRt");
+    let mut messages = Vec::new();
+    for position in seen(flight) {
+        let exposed = micros(position.exposed_at);
+        let head =
+            [&exposed.to_le_bytes()[..], &((exposed as f64 / 1000.0).round() as u32).to_le_bytes()].concat();
+        let [north, east, down] = ned(position);
+        let values = floats(&[north, east, down, 0.0, 0.0, 0.0, 0.01, 0.01]);
+        messages.push((micros(position.arrived_at), 80, [head, values, vec![0, 0, 100]].concat()));
+    }
+    for command in &flight.commands {
+        let before = floats(&[0.0, 0.0, command.sticks.throttle, 0.4, 0.5, 0.0]);
+        let after = [0_i32.to_le_bytes().to_vec(), floats(&[0.0; 3]), vec![0; 4]].concat();
+        messages.push((micros(command.time), 81, [before, after].concat()));
+    }
+    messages.sort_by_key(|(time, ..)| *time);
+    for (time, kind, values) in messages {
+        log.data(kind, time, &values);
+    }
+    log.bytes()
+}
+
+const MISSIONS: [&str; 3] = ["hop", "climb-040", "low-hover"];
+
+fn diagnosed(recordings: &[String], rig: &str) -> Value {
+    let arguments = ["diagnose", "--rig", rig, "--json"].map(str::to_owned);
+    json(&bench(arguments.iter().chain(recordings)).assert().code(vec![0, 1]))
+}
+
+#[test]
+fn the_same_flights_by_each_format_have_the_same_diagnosis() {
+    let scratch = Scratch::new();
+    let rig = rig(&scratch);
+    let flown: Vec<String> = MISSIONS
+        .iter()
+        .map(|mission| {
+            let out = scratch.name(&format!("{mission}.mcap"));
+            let effect = "battery-discharge:loss_per_hover_minute=0.05";
+            bench(["sim", "--rig", &rig, "--mission", mission, "--effect", effect, "-o", &out])
+                .assert()
+                .code(vec![0, 1, 4]);
+            out
+        })
+        .collect();
+    let imported = |format: &str, log: &dyn Fn(&str) -> (String, Vec<String>)| -> Vec<String> {
+        flown
+            .iter()
+            .map(|recording| {
+                let (file, more) = log(recording);
+                let out = recording.replace(".mcap", &format!("-{format}.mcap"));
+                let fixed = ["import", &file, "--rig", &rig, "-o", &out, "--json"].map(str::to_owned);
+                let report = json(&bench(fixed.iter().chain(&more)).assert().success());
+                assert_eq!(
+                    (&report["skipped"], &report["used"]),
+                    (&Value::Array(Vec::new()), &report["rows"])
+                );
+                out
+            })
+            .collect()
+    };
+    let written = |recording: &str, ending: &str, write: &dyn Fn(&Flight) -> Vec<u8>| {
+        let file = recording.replace("mcap", ending);
+        fs::write(&file, write(&Flight::load(recording).unwrap())).unwrap();
+        (file, Vec::new())
+    };
+    let map = scratch.name("map.toml");
+    let mcap = "name = \"own\"\nlog = \"mcap\"\nactuation = \"fraction\"\n\
+        [position]\nexposed_at = { column = \"/tracker/position.exposed_at_ns\", unit = \"ns\" }\n\
+        x = { column = \"/tracker/position.position_m.x\", unit = \"m\" }\n\
+        y = { column = \"/tracker/position.position_m.y\", unit = \"m\" }\n\
+        z = { column = \"/tracker/position.position_m.z\", unit = \"m\" }\n\
+        [control]\nphase = { column = \"/control/command.sticks.throttle\", from = [[-1000, \"idle\"], [0.02, \"hold\"]] }\nkeep = \"changes\"\n\
+        [command]\nthrottle = { column = \"/control/command.sticks.throttle\", unit = \"1\" }\n";
+    fs::write(&map, mcap).unwrap();
+    let formats = [
+        ("ulog", imported("ulog", &|recording| written(recording, "ulg", &px4))),
+        ("dataflash", imported("dataflash", &|recording| written(recording, "bin", &ardupilot))),
+        (
+            "mcap",
+            imported("mcap", &|recording| (recording.to_owned(), vec!["--map".to_owned(), map.clone()])),
+        ),
+    ];
+    let parquet = imported("parquet", &|recording| {
+        let file = recording.replace("mcap", "parquet");
+        bench(["export", recording, "-o", &file]).assert().success();
+        (file, vec!["--map".to_owned(), "bench-fraction".to_owned()])
+    });
+    let own = diagnosed(&flown, &rig);
+    let by_format: Vec<(&str, Value)> =
+        formats.iter().map(|(format, recordings)| (*format, diagnosed(recordings, &rig))).collect();
+    let by_table = diagnosed(&parquet, &rig);
+    assert_eq!((&own["verdict"], &own["leading"]), (&"effect".into(), &"battery-discharge".into()));
+    let probability = |found: &Value| found["candidates"][0]["probability"].as_f64().unwrap();
+    for (format, found) in &by_format {
+        // Floats and microseconds changed it by 3e-8 when this was written.
+        let apart = (probability(found) - probability(&own)).abs();
+        assert!(apart < 1e-6, "{format}: {apart:e}");
+    }
+    // A table has but the newest frame of each iteration, so its numbers are others.
+    for (format, found) in by_format.iter().chain([&("parquet", by_table)]) {
+        assert_eq!((&found["verdict"], &found["leading"]), (&own["verdict"], &own["leading"]), "{format}");
+    }
+}
+
+/// A log of PX4 with a position and, if wanted, a command every 20 ms.
+pub fn short(throttle: bool) -> Vec<u8> {
+    let mut log = Ulog::new();
+    log.format(
+        "vehicle_local_position:uint64_t timestamp;uint64_t timestamp_sample;float x;float y;float z;",
+    );
+    log.format("vehicle_thrust_setpoint:uint64_t timestamp;float[3] xyz;");
+    log.format("cpuload:uint64_t timestamp;float load;");
+    log.subscribe(0, 0, "vehicle_local_position");
+    log.subscribe(1, 0, "vehicle_thrust_setpoint");
+    log.subscribe(2, 0, "cpuload");
+    for k in 0..100 {
+        let time = BOOT_US + k * 20_000;
+        let position = floats(&[1.0, 2.0, -0.01 * k as f64]);
+        log.data(0, time, &[&(time - 4000).to_le_bytes()[..], &position].concat());
+        if throttle {
+            log.data(1, time + 1000, &floats(&[0.0, 0.0, -0.5]));
+        }
+        log.data(2, time + 2000, &floats(&[0.3]));
+    }
+    log.bytes()
+}
+
+/// A log of `ArduPilot` with a position and a command every 20 ms, by its estimator, whose second core says something else.
+pub fn short_dataflash() -> Vec<u8> {
+    let mut log = Dataflash::new();
+    log.format(80, "XKF1", "QBccCffffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD,OH");
+    log.format(81, "CTUN", "Qff", "TimeUS,ThO,DAlt");
+    log.format(82, "BAT", "QBff", "TimeUS,Inst,Volt,Curr");
+    for k in 0..100 {
+        let time = BOOT_US + k * 20_000;
+        for core in [0, 1] {
+            let angles = [(500_i16).to_le_bytes(), (-250_i16).to_le_bytes(), 9000_u16.to_le_bytes()].concat();
+            let down = if core == 0 { -0.01 * k as f64 } else { 7.0 };
+            let values = floats(&[0.5, 0.25, -1.0, 0.0, 1.0, 2.0, down, 0.0]);
+            log.data(80, time, &[vec![core], angles, values].concat());
+        }
+        log.data(81, time, &floats(&[0.5, 1.5]));
+        log.data(82, time, &[vec![0], floats(&[4.0, f64::NAN])].concat());
+    }
+    log.bytes()
+}
+
+#[test]
+fn a_log_of_ardupilot_finds_its_map_and_its_axes_are_turned() {
+    let scratch = Scratch::new();
+    let (log, out) = (scratch.name("log.bin"), scratch.name("log.mcap"));
+    fs::write(&log, short_dataflash()).unwrap();
+    let report = json(&bench(["import", &log, "-o", &out, "--json"]).assert().success());
+    assert_eq!(report["map"], "ardupilot");
+    // A battery that does not tell its current tells its voltage.
+    assert_eq!(
+        (&report["used"], &report["rows"], &report["skipped"]),
+        (&100.into(), &100.into(), &Value::Array(Vec::new()))
+    );
+    let flight = Flight::load(&out).unwrap();
+    let battery = flight.battery.last().unwrap();
+    assert_eq!((flight.battery.len(), battery.voltage_v, battery.current_a), (100, 4.0, None));
+    let position = flight.positions.last().unwrap();
+    assert!((position.position_m[2] - 0.99).abs() < 1e-7 && position.position_m[1] == -2.0, "{position:?}");
+    let motion = flight.motion.last().unwrap();
+    assert_eq!(motion.velocity_m_s.map(Option::unwrap), [0.5, -0.25, 1.0]);
+    let degrees = motion.attitude_rad.map(|angle| (angle.unwrap().to_degrees() * 1e9).round() / 1e9);
+    assert_eq!(degrees, [5.0, 2.5, -90.0]);
+    let state = flight.states.last().unwrap();
+    assert_eq!((state.phase, state.setpoint_m[2]), (bench_rig::Phase::Hold, 1.5));
+}
+
+#[test]
+fn a_log_finds_its_map_and_says_what_it_used() {
+    let scratch = Scratch::new();
+    let (log, out) = (scratch.name("log.ulg"), scratch.name("log.mcap"));
+    fs::write(&log, short(true)).unwrap();
+    let words = stdout(&bench(["import", &log, "-o", &out, "--explain"]).assert().success());
+    for part in [
+        "map px4:",
+        "vehicle_local_position.z",
+        "vehicle_attitude.q.roll",
+        "cpuload (100 samples)",
+        "command.throttle: 0.5000 to 0.5000",
+    ] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    let flight = Flight::load(&out).unwrap();
+    let last = flight.positions.last().unwrap();
+    // A float of 0.99 is right to 6e-8 of itself.
+    assert!((last.position_m[2] - 0.99).abs() < 1e-7 && last.position_m[1] == -2.0, "{last:?}");
+    assert_eq!(last.arrived_at.nanos() - last.exposed_at.nanos(), 4_000_000);
+}
+
+#[test]
+fn a_log_that_lacks_something_says_what_and_what_can_still_be_done() {
+    let scratch = Scratch::new();
+    let out = scratch.name("log.mcap");
+    let write = |name: &str, bytes: &[u8]| {
+        fs::write(scratch.path(name), bytes).unwrap();
+        scratch.name(name)
+    };
+    // Cut, as by a crash.
+    let whole = short(true);
+    let cut = write("cut.ulg", &whole[..whole.len() - 700]);
+    let words = stdout(&bench(["import", &cut, "-o", &out]).assert().success());
+    assert!(words.contains("ends in the middle of a message"), "{words}");
+    // A stamp from nowhere, and samples that stand in the file after later ones.
+    let mut log = Ulog::new();
+    log.format("vehicle_local_position:uint64_t timestamp;uint64_t timestamp_sample;float z;");
+    log.format("vehicle_thrust_setpoint:uint64_t timestamp;float[3] xyz;");
+    log.subscribe(0, 0, "vehicle_local_position");
+    log.subscribe(1, 0, "vehicle_thrust_setpoint");
+    for k in [0, 2, 1, 3, 90_000, 4] {
+        let time = BOOT_US + k * 10_000;
+        log.data(0, time, &[&time.to_le_bytes()[..], &floats(&[-0.1 * k as f64])].concat());
+        log.data(1, BOOT_US + k.min(5) * 10_000, &floats(&[0.0, 0.0, if k == 3 { f64::NAN } else { -0.5 }]));
+    }
+    let wild = write("wild.ulg", &log.bytes());
+    let report = json(&bench(["import", &wild, "-o", &out, "--force", "--json"]).assert().success());
+    assert_eq!(
+        (&report["topics"]["wild_stamps"], &report["skipped"]),
+        (&1.into(), &Value::Array(Vec::new()))
+    );
+    let flight = Flight::load(&out).unwrap();
+    let arrived: Vec<u64> =
+        flight.positions.iter().map(|position| position.arrived_at.nanos() / 1_000_000).collect();
+    let commanded: Vec<u64> =
+        flight.commands.iter().map(|command| command.time.nanos() / 1_000_000).collect();
+    assert_eq!((arrived, commanded), (vec![0, 10, 20, 30, 40], vec![0, 10, 20, 40, 50]));
+    // No throttle.
+    let idle = write("idle.ulg", &short(false));
+    let words = stdout(&bench(["import", &idle, "-o", &out, "--force"]).assert().success());
+    assert!(words.contains("no throttle in the log") && words.contains("map px4:"), "{words}");
+    fs::remove_file(&out).unwrap();
+    // No altitude.
+    let mut log = Ulog::new();
+    log.format("cpuload:uint64_t timestamp;float load;");
+    log.subscribe(0, 0, "cpuload");
+    log.data(0, 1, &floats(&[0.5]));
+    let blind = write("blind.ulg", &log.bytes());
+    let words = refused(bench(["import", &blind, "-o", &out]), 2);
+    assert!(words.contains("no altitude") && words.contains("cpuload"), "{words}");
+    // Nothing but a beginning, and a map for something else.
+    for head in [&b"ULog\x01\x12\x35\x01 and more"[..], b"\xa3\x95\x80\x80\x59"] {
+        let beginning = write("head.log", head);
+        refused(bench(["import", &beginning, "-o", &out]), 2);
+    }
+    let words = refused(bench(["import", "--map", "ardupilot", &cut, "-o", &out]), 2);
+    assert!(words.contains("a PX4 log (ULog)") && words.contains("ArduPilot"), "{words}");
+    let words = refused(bench(["import", "--map", "crazypad", &cut, "-o", &out]), 2);
+    assert!(words.contains("a PX4 log (ULog)") && words.contains("leave out --map"), "{words}");
+    let table = write("table.parquet", b"PAR1\x15\x04");
+    let words = refused(bench(["import", "--map", "crazypad", &table, "-o", &out]), 2);
+    assert!(words.contains("a Parquet table") && words.contains("cut"), "{words}");
+    assert!(!scratch.path("log.mcap").exists());
+}
