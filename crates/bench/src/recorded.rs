@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use anyhow::{Context, bail};
@@ -405,4 +406,9 @@ fn collect(key: &str, node: &Node, leaves: &mut Vec<Leaf>) {
         Value::Text(text) => leaves.push((key.to_owned(), text.clone(), None)),
         Value::Other(what) => leaves.push((key.to_owned(), (*what).to_owned(), None)),
     }
+}
+
+/// Time since 1970 by the system's clock.
+pub fn since_1970() -> Duration {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }

@@ -8,7 +8,7 @@ mod results;
 
 pub use baselines::{Baselines, Change};
 pub use diagnose::{compare_back_to_back, comparison};
-pub use flying::{Flying, unix_s};
+pub use flying::Flying;
 pub use plan::{Plan, Planned, Selected};
 pub use results::{Folder, PAGE};
 

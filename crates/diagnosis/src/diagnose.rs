@@ -314,7 +314,11 @@ impl Diagnosis {
             next: next(verdict, &candidates, &group),
             next_flight: None,
             group,
-            warnings: [null, best].into_iter().filter(|fit| fit.is_singular()).map(undetermined).collect(),
+            warnings: if std::ptr::eq(null, best) { vec![best] } else { vec![null, best] }
+                .into_iter()
+                .filter(|fit| fit.is_singular())
+                .map(undetermined)
+                .collect(),
             candidates,
         }
     }

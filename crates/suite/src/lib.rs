@@ -30,4 +30,4 @@ pub use limit::{FieldLimit, Limit, MEASURES, Measure, Side, Statistic};
 pub use report::{
     Attached, Check, Comparison, Counts, Diagnosed, Difference, Kind, Outcome, Report, Run, Tested, Times,
 };
-pub use test::{Mode, Test};
+pub use test::{Mode, Test, file_stem};

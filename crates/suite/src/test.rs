@@ -151,7 +151,8 @@ impl Case {
 /// Longest part of a name that comes from the id: all usual file systems take it with what is added.
 const STEM_MAX: usize = 150;
 
-fn file_stem(id: &str) -> String {
+/// A name as that of a file, without ending: letters, digits and `._-=`, and no more of them than file systems take.
+pub fn file_stem(id: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || "._-=".contains(c) { c } else { '_' };
     let stem: String = id.chars().map(plain).take(STEM_MAX).collect();
     // A leading dot would hide the file.

@@ -13,7 +13,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::Duration,
 };
 
 use anyhow::{Context, bail};
@@ -22,6 +22,7 @@ use bench_plant::effects::{self, Effects, LIBRARY, parse_effect};
 use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
 use bench_station::Entry;
+use bench_suite::file_stem;
 use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
 use rustix::process::set_parent_process_death_signal;
@@ -121,7 +122,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let rig = with_effects(arguments, nominal.clone())?;
     let mission = files::mission(&arguments.mission, &arguments.rig)?;
     let entry = Entry {
-        started_unix_s: since_1970().as_secs_f64(),
+        started_unix_s: recorded::since_1970().as_secs_f64(),
         suite: "hil".to_owned(),
         test: mission.name.clone(),
         rig: rig.name.clone(),
@@ -132,14 +133,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         repeat: 0,
         bench_version: env!("CARGO_PKG_VERSION").to_owned(),
         meta: arguments.meta.meta.iter().cloned().collect(),
-        stem: format!("hil_{}_{}_seed{}", plain(&rig.name), plain(&mission.name), arguments.seed),
+        stem: file_stem(&format!("hil_{}_{}_seed{}", rig.name, mission.name, arguments.seed)),
     };
     Station::open(&station)?.fly(&entry, &mission.criteria, |recording| fly(arguments, Some(recording)))
-}
-
-/// A name as part of a file's.
-fn plain(name: &str) -> String {
-    name.chars().map(|c| if c.is_ascii_alphanumeric() || "._-=".contains(c) { c } else { '-' }).collect()
 }
 
 /// Flies and records, to `recording` where that is given; how it ended, also in a sentence.
@@ -154,7 +150,7 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
     let mission = files::mission(&arguments.mission, &arguments.rig)?;
     let seeing = seeing(arguments, &rig, &mission)?;
     let output = recording.map(Path::to_owned).or(arguments.output.clone()).unwrap_or_else(|| {
-        let which = format!("seed{}_{}", arguments.seed, since_1970().as_secs());
+        let which = format!("seed{}_{}", arguments.seed, recorded::since_1970().as_secs());
         files::default_recording(&format!("hil_{}", rig.name), &mission.name, &added, &which)
     });
     Outputs::new(arguments.force.force)
@@ -481,15 +477,11 @@ fn there_is() -> String {
     }
 }
 
-fn since_1970() -> Duration {
-    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
-}
-
 fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str, ready: &Ready) -> Session {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let extra = [
         (ADDED_EFFECTS, added.join("; ")),
-        ("started_unix_s", since_1970().as_secs().to_string()),
+        ("started_unix_s", recorded::since_1970().as_secs().to_string()),
         ("host", host.trim().to_owned()),
         ("port", port.to_owned()),
         ("board", ready.identity.to_string()),
@@ -502,7 +494,7 @@ fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str
     Session {
         seed: Some(seed),
         // The loop's clock starts as soon as the recorder is there.
-        epoch_unix_ns: u64::try_from(since_1970().as_nanos()).ok(),
+        epoch_unix_ns: u64::try_from(recorded::since_1970().as_nanos()).ok(),
         extra: extra.map(|(key, value)| (key.to_owned(), value)).collect::<BTreeMap<_, _>>(),
         ..Session::new(Mode::Hil).with_rig(rig).with_mission(mission)
     }

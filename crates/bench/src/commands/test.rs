@@ -156,7 +156,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     let (journal, kept) = folder.journal(&plan.digest(&meta), arguments.resume, &flying)?;
     let began = Instant::now();
-    let started_unix_s = crate::suites::unix_s();
+    let started_unix_s = crate::recorded::since_1970().as_secs_f64();
     let against = (!arguments.record_baselines).then_some(&baselines);
     let flown = match fly_all(&plan, &flying, against, journal, kept) {
         Ok(flown) => flown,

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Stdio},
     sync::atomic::{AtomicBool, Ordering},
-    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+    time::{Duration, Instant},
 };
 
 use anyhow::Context;
@@ -48,7 +48,7 @@ impl Flying<'_> {
     pub fn fly(&self, planned: &Planned, repeat: u32) -> anyhow::Result<Option<Run>> {
         let seed = planned.test.seed_of(repeat);
         let began = Instant::now();
-        let started_unix_s = unix_s();
+        let started_unix_s = recorded::since_1970().as_secs_f64();
         let stem = format!("{}_r{}", planned.test.file_stem, repeat + 1);
         let entered = self.enter(planned, repeat, seed, started_unix_s, &stem)?;
         let recording = match &entered {
@@ -298,9 +298,4 @@ fn lost(what: &str) -> Ended {
         stopped: false,
         data_lost: true,
     }
-}
-
-/// Seconds since 1970.
-pub fn unix_s() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }

@@ -6,7 +6,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
     },
     thread,
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::Duration,
 };
 
 use anyhow::{Context, bail};
@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     crate::words::say!("{}, serial number {}", kinect.model(), kinect.serial());
     let clock = WallClock::start();
-    let origin_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+    let origin_s = crate::recorded::since_1970().as_secs_f64();
     // Before the streams: what is in the way should not cost frames.
     let mut recorder = Recorder::create(folder, origin_s)?;
     let mut streaming = match kinect.stream(arguments.eyes.settings(), move || clock.now()) {
