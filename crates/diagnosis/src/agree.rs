@@ -78,17 +78,19 @@ impl Tried<'_> {
 }
 
 /// What flights disagree about most plainly, if they do: of the best fit, or of a simpler one that explains as much as what the best
-/// adds to it once flights may differ. A second law may be nothing but the difference between flights.
+/// adds to it once flights may differ. A second law may be nothing but the difference between flights. Nor may what is left without
+/// a name, nats, be more than that difference explains: under a law that is wrong, each mission bends the numbers its own way.
 pub fn disagreement(
     problem: &Problem<'_>,
     best: &Fit,
     simpler: &[&Fit],
+    nameless: f64,
     temperature: f64,
 ) -> Option<Disagreement> {
     let mut tried: Vec<Tried<'_>> = Vec::new();
     let mut all = 0;
     for fit in [best].iter().chain(simpler) {
-        let added = best.log_evidence - fit.log_evidence;
+        let added = best.log_evidence - fit.log_evidence + nameless;
         for (at, f) in fit.free.iter().enumerate() {
             let Some(ordinary) = ordinary_spread(fit, f) else { continue };
             let says = says(problem, fit, at, temperature, ordinary);

@@ -13,7 +13,7 @@ use crate::{
     calibration::Calibration,
     direct::{Direct, Finding},
     gap::{Gap, gap},
-    groups::{cosines, same},
+    groups::{Answer, Likenesses, answer},
     next_flight::{NextFlight, close},
     stage::{StageShare, stages},
     trace::{Trace, traces},
@@ -33,9 +33,14 @@ pub struct Diagnosis {
     /// The effects named, where the verdict is [`Verdict::Effect`].
     #[serde(skip)]
     pub effects: Vec<&'static str>,
-    /// Probability of the verdict and, for an effect, of exactly these effects.
+    /// Name of the candidate that leads.
+    #[serde(skip)]
+    pub leading: String,
+    /// Probability of the verdict and, for an effect, that it is of these effects or of one of [`Self::alternatives`].
     #[serde(skip)]
     pub confidence: f64,
+    /// What leads may as well be these, by the same flights; most probable first.
+    pub alternatives: Vec<Alternative>,
     /// What made probabilities of evidence.
     pub calibration: Calibration,
     /// Labels one of which is true with a probability of nine in ten or more: candidates' names, most probable first.
@@ -122,6 +127,15 @@ pub struct ParameterValue {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+}
+
+/// What a verdict may as well be.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Alternative {
+    /// The candidate's name.
+    pub name: String,
+    /// Its own probability.
+    pub probability: f64,
 }
 
 /// An effect whose response these flights cannot tell from another's.
@@ -262,8 +276,14 @@ impl Diagnosis {
         let (problem, direct) = (&analysis.problem(), &prepared.direct);
         let null = &search.fits[0];
         let candidates = candidates(problem, weighed, search, direct);
-        let top = &candidates[0];
-        let verdict = weighed.told().verdict;
+        let likenesses = likenesses(problem, search, &candidates);
+        let Answer { leading, alternatives, probability } = answer(&candidates, &likenesses);
+        let top = &candidates[leading];
+        let verdict = match &top.indices {
+            None => Verdict::Unknown,
+            Some(effects) if effects.is_empty() => Verdict::None,
+            Some(_) => Verdict::Effect,
+        };
         // What is named, or else the best that has a fit of its own, stands for "with the effect".
         let named =
             weighed.hypotheses.iter().find(|h| verdict == Verdict::Effect && h.names() == top.effects);
@@ -274,7 +294,12 @@ impl Diagnosis {
             .iter()
             .filter(|fit| pair.len() == 2 && matches!(fit.effects().as_slice(), [one] if pair.contains(one)))
             .collect();
-        let group = if verdict == Verdict::Effect { group(problem, null, best) } else { Vec::new() };
+        let nameless = if verdict == Verdict::Unknown {
+            (weighed.unknown_gain - weighed.hypotheses[0].gain).max(0.0)
+        } else {
+            0.0
+        };
+        let group = likenesses.told(top.indices.as_deref().unwrap_or_default());
         let mut told = 0.0;
         let set = candidates
             .iter()
@@ -289,7 +314,14 @@ impl Diagnosis {
             schema: "bench.diagnosis/1",
             verdict,
             effects: top.effects.clone(),
-            confidence: top.probability,
+            leading: top.name.clone(),
+            confidence: probability,
+            alternatives: alternatives
+                .iter()
+                .map(|i| &candidates[*i])
+                .filter(|other| other.probability > TOLD_PROBABILITY)
+                .map(|other| Alternative { name: other.name.clone(), probability: other.probability })
+                .collect(),
             calibration: calibration.clone(),
             set,
             numbers: numbers(problem, null),
@@ -300,7 +332,7 @@ impl Diagnosis {
                 measurement_m: null.noise.measurement_m,
                 measurement_nominal_m: problem.noise.measurement_m,
             },
-            disagreement: disagreement(problem, best, &simpler, calibration.temperature),
+            disagreement: disagreement(problem, best, &simpler, nameless, calibration.temperature),
             ahead: ahead(problem, best),
             gap: gap(problem, null, best),
             place: place(problem, top, weighed, search, direct),
@@ -431,25 +463,25 @@ fn candidate(
     Candidate { effects, indices, name, probability, evidence_gain, grounds: Some(h.grounds), parameters }
 }
 
-fn group(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Vec<Likeness> {
-    let others = fitted_effects();
-    let mut all: Vec<Likeness> = best
-        .point
-        .effects
-        .iter()
-        .flat_map(|fitted| {
-            cosines(problem, null, fitted, &others)
-                .into_iter()
-                .filter(|(other, cosine)| *cosine > same(fitted.0, *other) && !best.effects().contains(other))
-                .map(|(other, cosine)| Likeness {
-                    effect: LIBRARY[fitted.0].name,
-                    like: LIBRARY[other].name,
-                    cosine,
-                })
-        })
-        .collect();
-    all.sort_by(|a, b| b.cosine.total_cmp(&a.cosine));
-    all
+/// What less probable candidates look like does not change what leads.
+const LIKELY_TO_LEAD: f64 = 0.02;
+
+/// What the effects of all candidates look like that may lead.
+fn likenesses(problem: &Problem<'_>, search: &Search, candidates: &[Candidate]) -> Likenesses {
+    let likely = candidates.iter().filter(|candidate| candidate.probability > LIKELY_TO_LEAD);
+    let mut fitted: Vec<(usize, Vec<f64>)> = Vec::new();
+    for effect in likely.flat_map(|candidate| candidate.indices.iter().flatten()) {
+        // Alone, or where it was first fitted beside another.
+        let slots = search.fits.iter().map(|fit| &fit.point.effects);
+        let fits =
+            slots.filter_map(|slots| Some((slots.len(), slots.iter().find(|(own, _)| own == effect)?)));
+        if let Some((_, own)) = fits.min_by_key(|(effects, _)| *effects)
+            && fitted.iter().all(|(other, _)| other != effect)
+        {
+            fitted.push(own.clone());
+        }
+    }
+    Likenesses::of(problem, &search.fits[0], &fitted, &fitted_effects())
 }
 
 fn numbers(problem: &Problem<'_>, null: &Fit) -> Vec<Number> {

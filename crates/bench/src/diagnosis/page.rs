@@ -89,7 +89,7 @@ fn tiles(report: &Report) -> Markup {
     let diagnosis = &report.diagnosis;
     let gap = &diagnosis.gap;
     let sure = if report.verdict == Conclusion::Inconclusive {
-        format!("for {}, which leads", report.leading)
+        format!("for {}, which leads", told::answer(diagnosis))
     } else {
         "sure of the verdict".to_owned()
     };

@@ -38,11 +38,11 @@ pub struct Report {
     pub schema: &'static str,
     /// What it comes to.
     pub verdict: Conclusion,
-    /// The most probable candidate's name, told or not.
+    /// Name of the candidate that leads, told or not.
     pub leading: String,
     /// The effects named, where the verdict is [`Conclusion::Effect`].
     pub effects: Vec<&'static str>,
-    /// Probability of what leads.
+    /// Probability of what leads, with all that these flights cannot tell from it.
     pub confidence: f64,
     /// How probable it must be to be told.
     pub min_confidence: f64,
@@ -77,7 +77,7 @@ impl Report {
         let report = Self {
             schema: diagnosis.schema,
             verdict,
-            leading: diagnosis.candidates.first().map(|c| c.name.clone()).unwrap_or_default(),
+            leading: diagnosis.leading.clone(),
             effects: if verdict == Conclusion::Effect { diagnosis.effects.clone() } else { Vec::new() },
             confidence: diagnosis.confidence,
             min_confidence,
@@ -119,7 +119,7 @@ impl Report {
             Some(_) => format!("Inconclusive: {NOT_OF_ONE}"),
             None => format!(
                 "Inconclusive: {} leads with {}, {} was asked for",
-                self.leading,
+                told::answer(&self.diagnosis),
                 told::percent(self.confidence),
                 told::percent(self.min_confidence)
             ),
@@ -202,6 +202,7 @@ mod tests {
         };
         Diagnosis {
             verdict: Verdict::None,
+            leading: "none".to_owned(),
             confidence,
             candidates: vec![candidate],
             disagreement,

@@ -57,13 +57,14 @@ fn what(out: &mut String, report: &Report) {
         let _ = writeln!(
             out,
             "what leads, not sure enough to be told: {} ({})",
-            report.leading,
+            told::answer(diagnosis),
             told::percent(report.confidence)
         );
     }
     for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {
         let _ = writeln!(out, "  {}: {}", effect.name, effect.summary);
-        let fitted = diagnosis.candidates.first().into_iter().flat_map(|candidate| &candidate.parameters);
+        let leads = diagnosis.candidates.iter().filter(|candidate| candidate.name == diagnosis.leading);
+        let fitted = leads.flat_map(|candidate| &candidate.parameters);
         for p in fitted.filter(|p| p.effect == effect.name && told::tells(p)) {
             let _ = writeln!(out, "    {}", parameter(p));
         }
@@ -71,8 +72,7 @@ fn what(out: &mut String, report: &Report) {
     let others: Vec<String> = diagnosis
         .candidates
         .iter()
-        .skip(1)
-        .filter(|candidate| candidate.probability >= LEAST_PROBABLE)
+        .filter(|candidate| candidate.name != diagnosis.leading && candidate.probability >= LEAST_PROBABLE)
         .take(MOST)
         .map(|candidate| format!("{} ({})", candidate.name, told::percent(candidate.probability)))
         .collect();

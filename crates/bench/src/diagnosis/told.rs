@@ -11,7 +11,10 @@ pub const PLAIN_NATS: f64 = 3.0;
 /// The verdict in a sentence, without its probability.
 pub fn sentence(diagnosis: &Diagnosis) -> String {
     match diagnosis.verdict {
-        Verdict::Effect => format!("The gap comes from {}", diagnosis.effects.join(" and ")),
+        Verdict::Effect => {
+            let apart = if or(diagnosis).is_empty() { "" } else { ", which these flights cannot tell apart" };
+            format!("The gap comes from {}{apart}", answer(diagnosis))
+        }
         Verdict::None => "No gap beyond tolerance and noise".to_owned(),
         // Where belief is spread over many causes, that none of them is it may be the likeliest without being likely.
         Verdict::Unknown if diagnosis.confidence < 0.5 => {
@@ -19,6 +22,21 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         }
         Verdict::Unknown => "There is a gap that no known effect explains".to_owned(),
     }
+}
+
+/// An alternative is named beside what leads if it has such a share of their probability.
+const WORTH_NAMING: f64 = 0.05;
+
+/// What the verdict may as well be, where that is likely enough to be named.
+fn or(diagnosis: &Diagnosis) -> Vec<String> {
+    let likely =
+        diagnosis.alternatives.iter().filter(|a| a.probability > WORTH_NAMING * diagnosis.confidence);
+    likely.map(|alternative| alternative.name.replace('+', " and ")).collect()
+}
+
+/// What leads, with what it may as well be.
+pub fn answer(diagnosis: &Diagnosis) -> String {
+    [vec![diagnosis.leading.replace('+', " and ")], or(diagnosis)].concat().join(" or ")
 }
 
 /// What an effect is: its entry in the library.

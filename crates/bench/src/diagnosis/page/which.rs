@@ -29,12 +29,12 @@ pub(super) fn section(diagnosis: &Diagnosis, sticks: Actuation) -> Section {
         .take(MOST)
         .collect();
     let mut rows = Rows::new([0.0, 100.0]);
-    for (i, candidate) in shown.iter().enumerate() {
+    for candidate in &shown {
         let bar = Bar {
             value: 100.0 * candidate.probability,
             interval: None,
             from: Some(0.0),
-            colour: if i == 0 { FOUND } else { OTHER },
+            colour: if candidate.name == diagnosis.leading { FOUND } else { OTHER },
         };
         rows.row(named(candidate), Some(bar), &told::percent(candidate.probability));
     }
