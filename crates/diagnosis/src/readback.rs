@@ -59,6 +59,18 @@ struct Scales {
     spread: f64,
 }
 
+/// One sigma of what another form of a law makes of the displacement of a pin, as a share of it.
+const FORM_SIGMA: f64 = 0.1;
+/// Beyond so many sigma of its noise a readback is off.
+const OFF_SIGMAS: f64 = 4.0;
+
+/// RMS over the readbacks that are off of how far they are from what the output was told, in units of the actuation; 0 for none.
+fn displacement(pins: &[Pin], noise: f64) -> f64 {
+    let off = pins.iter().map(|pin| pin.readback - pin.commanded).filter(|off| off.abs() > OFF_SIGMAS * noise);
+    let (count, squares) = off.fold((0_u32, 0.0), |(count, squares), off| (count + 1, squares + off * off));
+    if count == 0 { 0.0 } else { (squares / f64::from(count)).sqrt() }
+}
+
 /// Half a squared residual in sigmas, capped.
 fn capped(off: f64, sigma: f64) -> f64 {
     (0.5 * (off / sigma).powi(2)).min(CAP)
@@ -481,7 +493,10 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let step = rig.output.step(&rig.airframe.sticks);
     let noise = readback_sigma(&all, rig);
     // Steps in places of their own are as good as noise.
-    let sigma = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise };
+    let noise = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise };
+    // What is off is explained as far as a law of the library may be expected to be of the right form: readbacks without any
+    // noise would else refute every law but the true one.
+    let sigma = noise.hypot(FORM_SIGMA * displacement(&all, noise));
     let channel = PinChannel { rig, flights, sigma, step };
     let ordinary = channel.all(|pin, _| pin.asked);
     // The noise is itself estimated from these readbacks, the fewer the worse.
@@ -544,13 +559,13 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         let gain = most - (law.excess - best);
         found(law, gain);
     }
-    let off = all.iter().filter(|p| (p.readback - p.commanded).abs() > 4.0 * sigma).count();
+    let off = all.iter().filter(|p| (p.readback - p.commanded).abs() > OFF_SIGMAS * noise).count();
     out.findings.push(Finding {
         channel: "readback",
         text: format!(
             "{off} of {} readbacks differ from the command by more than four sigma of their noise ({:.2} % of the range)",
             all.len(),
-            100.0 * sigma / range
+            100.0 * noise / range
         ),
     });
 }
