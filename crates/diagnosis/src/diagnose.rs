@@ -343,7 +343,7 @@ impl Diagnosis {
                 .iter()
                 .map(|track| FlightUsed { name: track.name.clone(), measurements: track.counted() })
                 .collect(),
-            next: next(verdict, &candidates, &group),
+            next: next(verdict, &candidates, &group).into_iter().chain(windy(problem, null)).collect(),
             next_flight: None,
             group,
             warnings: if std::ptr::eq(null, best) { vec![best] } else { vec![null, best] }
@@ -558,6 +558,21 @@ fn axis_words(axis: Axis) -> (&'static str, &'static str) {
         Axis::Voltage => ("battery voltage", "V"),
         Axis::Past => ("altitude of late", "m"),
     }
+}
+
+/// So many times the usual turbulence is worth a word.
+const WINDY: f64 = 2.0;
+
+/// What to do about air that is rougher than usual where the rig does not say what is ordinary there.
+fn windy(problem: &Problem<'_>, null: &Fit) -> Option<String> {
+    let told = problem.rig.disturbance.turbulence_m_s2.is_some();
+    let rough = null.noise.turbulence > WINDY * problem.noise.turbulence;
+    (rough && !told).then(|| {
+        format!(
+            "the turbulence of these flights is {:.2} m/s^2, and the rig does not say what is ordinary: `bench identify flight` on flights that were fine writes its `[disturbance]`, and gusts beyond that can be told",
+            null.noise.turbulence
+        )
+    })
 }
 
 fn next(verdict: Verdict, candidates: &[Candidate], group: &[Likeness]) -> Vec<String> {

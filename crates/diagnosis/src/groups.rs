@@ -116,9 +116,11 @@ pub fn answer(candidates: &[Candidate], likenesses: &Likenesses) -> Answer {
         let others: f64 = alternatives.iter().map(|i| candidates[*i].probability).sum();
         Answer { leading, probability: candidates[leading].probability + others, alternatives }
     };
-    // Of two that are equally probable, the one whose own candidate is more so: the first.
+    // Likeness is not transitive: what looks like two others does not lead for it where either is more probable. Of two answers
+    // that are equally probable, the one whose own candidate is more so: the first.
+    let leads = |answer: &Answer| answer.alternatives.iter().all(|other| *other > answer.leading);
     let more = |best: Answer, this: Answer| if this.probability > best.probability { this } else { best };
-    (1..candidates.len()).map(of).fold(of(0), more)
+    (1..candidates.len()).map(of).filter(leads).fold(of(0), more)
 }
 
 #[cfg(test)]
@@ -151,6 +153,15 @@ mod tests {
             answer(&all, &Likenesses::default()),
             Answer { leading: 0, alternatives: vec![], probability: 0.3 }
         );
+    }
+
+    #[test]
+    fn the_most_probable_of_an_answer_stands_for_it() {
+        // 5 looks like 3 and like 8, which do not look like one another.
+        let alike = Likenesses { pairs: vec![(5, 3, 0.9), (5, 8, 0.9)] };
+        let all = candidates(&[(Some(&[3]), 0.78), (Some(&[5]), 0.02), (Some(&[8]), 0.01), (None, 0.19)]);
+        let found = answer(&all, &alike);
+        assert_eq!((found.leading, found.alternatives), (0, vec![1]));
     }
 
     #[test]

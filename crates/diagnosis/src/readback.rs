@@ -64,11 +64,12 @@ const FORM_SIGMA: f64 = 0.1;
 /// Beyond so many sigma of its noise a readback is off.
 const OFF_SIGMAS: f64 = 4.0;
 
-/// RMS over the readbacks that are off of how far they are from what the output was told, in units of the actuation; 0 for none.
-fn displacement(pins: &[Pin], noise: f64) -> f64 {
-    let off = pins.iter().map(|pin| pin.readback - pin.commanded).filter(|off| off.abs() > OFF_SIGMAS * noise);
-    let (count, squares) = off.fold((0_u32, 0.0), |(count, squares), off| (count + 1, squares + off * off));
-    if count == 0 { 0.0 } else { (squares / f64::from(count)).sqrt() }
+/// How many readbacks are off, and the RMS of how far those are from what the output was told, in units of the actuation.
+fn displacement(pins: &[Pin], noise: f64) -> (usize, f64) {
+    let off =
+        pins.iter().map(|pin| pin.readback - pin.commanded).filter(|off| off.abs() > OFF_SIGMAS * noise);
+    let (count, squares) = off.fold((0, 0.0), |(count, squares), off| (count + 1, squares + off * off));
+    (count, (squares / count.max(1) as f64).sqrt())
 }
 
 /// Half a squared residual in sigmas, capped.
@@ -494,24 +495,28 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let noise = readback_sigma(&all, rig);
     // Steps in places of their own are as good as noise.
     let noise = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise };
-    // What is off is explained as far as a law of the library may be expected to be of the right form: readbacks without any
-    // noise would else refute every law but the true one.
-    let sigma = noise.hypot(FORM_SIGMA * displacement(&all, noise));
-    let channel = PinChannel { rig, flights, sigma, step };
-    let ordinary = channel.all(|pin, _| pin.asked);
-    // The noise is itself estimated from these readbacks, the fewer the worse.
+    let exact = PinChannel { rig, flights, sigma: noise, step };
     let readbacks = all.len() as f64;
-    let floor = (1.15 + 5.0 / readbacks.sqrt()) * 0.5 * readbacks + 10.0;
-    let scales = channel.scales().filter(|scales| scales.gain > 0.0 && scales.excess < floor);
-    if scales.is_none() && ordinary - floor < LAW_COST {
+    // What a right law leaves of so many readbacks of noise; that is itself estimated from them, the fewer the worse.
+    let left = |of_noise: f64| (1.15 + 5.0 / readbacks.sqrt()) * 0.5 * of_noise + 10.0;
+    let is_ordinary = exact.all(|pin, _| pin.asked) - left(readbacks) < LAW_COST;
+    let scales = exact.scales().filter(|scales| scales.gain > 0.0 && scales.excess < left(readbacks));
+    if scales.is_none() && is_ordinary {
         return;
     }
+    // What is off is explained as far as a law of the library may be expected to be of the right form: readbacks without any
+    // noise would else refute every law but the true one.
+    let (off, displacement) = displacement(&all, noise);
+    let sigma = noise.hypot(FORM_SIGMA * displacement);
+    let channel = PinChannel { sigma, ..exact };
+    let ordinary = channel.all(|pin, _| pin.asked);
+    let floor = left((readbacks * (noise / sigma).powi(2) + off as f64).min(readbacks));
     // No law of the library changes a scale. Where that leaves but noise, none of those with many numbers is asked for more.
     let of_one_number = [channel.lag(), channel.play(), channel.quantisation(), channel.fine_quantisation()]
         .map(Option::into_iter);
     let of_one_number: Vec<PinLaw> = of_one_number.into_iter().flatten().collect();
     let plain = of_one_number.iter().map(|law| law.excess).fold(f64::MAX, f64::min);
-    if let Some(scales) = scales.filter(|scales| scales.excess < plain) {
+    if let Some(scales) = scales.filter(|_| channel.scales().is_some_and(|scales| scales.excess < plain)) {
         out.findings.push(Finding {
             channel: "readback",
             text: format!(
@@ -559,7 +564,6 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         let gain = most - (law.excess - best);
         found(law, gain);
     }
-    let off = all.iter().filter(|p| (p.readback - p.commanded).abs() > OFF_SIGMAS * noise).count();
     out.findings.push(Finding {
         channel: "readback",
         text: format!(
@@ -578,6 +582,30 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+
+    #[test]
+    fn a_limit_is_found_where_readbacks_have_no_noise() {
+        let rig = Rig::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/virtual.toml")).unwrap();
+        let (sticks, output) = (&rig.airframe.sticks, &rig.output);
+        let range = sticks.max - sticks.min;
+        let limit = sticks.min + 0.6137 * range;
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        // One command in seven is beyond the limit.
+        let pins: Vec<Pin> = (0..2000)
+            .map(|i| {
+                let asked = sticks.min + range * rng.random_range(0.4..0.65);
+                let time_s = 0.1 * f64::from(i);
+                let commanded = output.expected_on_the_pin(sticks, asked);
+                let readback = output.expected_on_the_pin(sticks, asked.min(limit));
+                Pin { time_s, delay_s: 0.0, asked, commanded, readback }
+            })
+            .collect();
+        let mut out = Direct::default();
+        super::pins(&[Track { pins, ..Track::default() }], &rig, &mut out);
+        let best = out.effects.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap();
+        assert_eq!(best.effect, read_as(Reading::PinLimit), "{:?}", out.effects);
+        assert_eq!(out.unexplained_pins, 0.0);
+    }
 
     #[test]
     fn fine_steps_are_found_among_hundreds_up_to_a_pin() {

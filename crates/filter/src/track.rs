@@ -195,13 +195,8 @@ impl Track {
         // A row of a log holds what was newest when it was written.
         let waited_s = if held { rig.tracker.frame_period_s } else { dense.unwrap_or(0.0) };
         let timing_s = waited_s / 12_f64.sqrt();
-        let (waits_s, bursts, frames_told) = match clock {
-            Some(clock) => (clock.waits_s, clock.bursts, clock.told),
-            None => {
-                let (bursts, told) = rows_without_a_frame(flight, rig);
-                (Vec::new(), bursts, told)
-            }
-        };
+        let (waits_s, bursts, frames_told) =
+            clock.map_or_else(Default::default, |clock| (clock.waits_s, clock.bursts, clock.told));
         // Chosen once, by the tracker's own times, so that every hypothesis is held against the same measurements.
         let begin_s = inputs[first].time_s;
         measurements.retain(|s| (begin_s - BEFORE_S..=end_s).contains(&s.exposed_s));
@@ -407,33 +402,6 @@ fn holds_newest_frame(flight: &Flight) -> bool {
     };
     let together = flight.positions.iter().filter(with_a_command).count();
     2 * together > flight.positions.len()
-}
-
-/// Two positions of a log with a row a frame are a whole number of frames apart, but for this share of a period, in all but one of so
-/// many intervals.
-const OFF_A_ROW: f64 = 0.2;
-const ODD_INTERVALS_ONE_IN: usize = 20;
-
-/// Lengths of the gaps, in frames, in a log that has a row for each frame of the rig's tracker and leaves it empty where none came, and
-/// how many frames it has. None of a log of another kind, whose gaps tell nothing of frames.
-fn rows_without_a_frame(flight: &Flight, rig: &Rig) -> (Vec<usize>, usize) {
-    let period_s = rig.tracker.frame_period_s;
-    let apart: Vec<f64> = flight
-        .positions
-        .windows(2)
-        .map(|pair| pair[1].exposed_at.since_s(pair[0].exposed_at) / period_s)
-        .collect();
-    let mut sorted = apart.clone();
-    sorted.sort_by(f64::total_cmp);
-    // Where three in four are lost, the shortest quarter still tells how far apart frames are.
-    let Some(shortest) = sorted.get(sorted.len() / 4) else { return Default::default() };
-    let off = |frames: f64| (frames - frames.round()).abs() > OFF_A_ROW || frames < 0.5;
-    let odd = apart.iter().filter(|frames| off(**frames)).count();
-    if (shortest - 1.0).abs() > OFF_A_ROW || ODD_INTERVALS_ONE_IN * odd > apart.len() {
-        return Default::default();
-    }
-    let lost = |frames: &f64| (frames.round() as usize).saturating_sub(1);
-    (apart.iter().map(lost).filter(|lost| *lost > 0).collect(), flight.positions.len())
 }
 
 /// A log whose rows are closer than this share of the tracker's frame period holds more rows than frames.

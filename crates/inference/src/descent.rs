@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::{
     coordinate::{Free, directions},
-    fit::{Fit, MEASUREMENT_SIGMA_LN, Problem, turbulence_sigmas},
+    fit::{Fit, MEASUREMENT_SIGMA_LN, Problem},
 };
 
 pub(crate) const MAX_PASSES: usize = 14;
@@ -44,17 +44,16 @@ impl Problem<'_> {
     /// Newton steps of the logarithms of turbulence and tracker noise, and what they promise, from parabolas through the
     /// probes.
     fn noise_step(&self, noise: &Noise, pass: &Pass) -> (f64, f64, f64) {
+        let usual = &self.noise;
         let own = [
-            ((noise.turbulence / self.noise.turbulence).ln(), None, 0.8),
-            ((noise.measurement_m / self.noise.measurement_m).ln(), Some(MEASUREMENT_SIGMA_LN), 0.3),
+            ((noise.turbulence / usual.turbulence).ln(), self.turbulence_sigma_ln(), 0.8),
+            ((noise.measurement_m / usual.measurement_m).ln(), MEASUREMENT_SIGMA_LN, 0.3),
         ];
         let mut steps = [0.0; 2];
         let mut worth = 0.0;
         for (i, (at, sigma, longest)) in own.into_iter().enumerate() {
             let h = PROBES[2 * i + 1];
-            let sigmas =
-                |x: f64| sigma.map_or_else(|| turbulence_sigmas(at + x), |sigma: f64| (at + x) / sigma);
-            let prior = |x: f64| 0.5 * sigmas(x).powi(2);
+            let prior = |x: f64| 0.5 * ((at + x) / sigma).powi(2);
             let low = pass.noise_nll[2 * i] + prior(-h);
             let high = pass.noise_nll[2 * i + 1] + prior(h);
             let mid = pass.nll + prior(0.0);

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::{
     coordinate::{CEILING, Free, LOWEST_CEILING, effect_coordinates},
-    settle,
+    settle::{self, retimed},
 };
 
 /// What all fits of one diagnosis share.
@@ -120,24 +120,17 @@ impl Fit {
     }
 }
 
-/// Uncertainty of the noise's logarithm before any flight: tracker, then turbulence.
+/// Uncertainty of the logarithm of a measurement's noise before any flight.
 pub(crate) const MEASUREMENT_SIGMA_LN: f64 = 0.05;
-/// Calm air is ordinary, strong wind is not.
-const CALM_SIGMA_LN: f64 = 1.0;
-const WINDY_FROM_LN: f64 = 0.5;
-const WINDY_SIGMA_LN: f64 = 0.2;
-/// Memories of turbulence that are tried, s.
+/// The same of the turbulence and of its correlation time, where the rig tells them without a spread: air is not the same every day.
+const TOLD_TURBULENCE_SIGMA_LN: f64 = 0.25;
+const TOLD_TURBULENCE_TIME_SIGMA_LN: f64 = 0.3;
+/// The same where the rig tells nothing: a factor of two and more.
+const ANY_TURBULENCE_SIGMA_LN: f64 = 0.7;
+const ANY_TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
+/// Correlation times of turbulence that are tried, s.
 pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
-const TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 
-/// How far the logarithm of a turbulence over the usual lies from it, in sigmas.
-pub(crate) fn turbulence_sigmas(ln_ratio: f64) -> f64 {
-    if ln_ratio < 0.0 {
-        ln_ratio / CALM_SIGMA_LN
-    } else {
-        (ln_ratio - WINDY_FROM_LN).max(0.0) / WINDY_SIGMA_LN
-    }
-}
 /// Noise of flights is levelled on a grid of its logarithm, so often: once with numbers fitted to flights as they are, once
 /// with numbers fitted to levelled ones.
 const LEVEL_STEP: f64 = 0.1;
@@ -222,30 +215,22 @@ impl<'a> Problem<'a> {
         Some(tracks)
     }
 
-    /// The null hypothesis: the rig's numbers within their tolerances, no effect. It also finds for how long the
-    /// turbulence of these flights remembers, unless the rig says so, which all other hypotheses take over.
+    /// The null hypothesis: the rig's numbers within their tolerances, no effect.
     pub fn fit_null(&self) -> Fit {
-        let fit = self.refine(self.nominal.clone(), self.noise);
-        if self.rig.disturbance.turbulence_time_s.is_some() {
-            return fit;
-        }
-        let with = |turbulence_time_s: f64| Noise { turbulence_time_s, ..fit.noise };
-        let objective = |time_s: f64| {
-            self.objective(&fit.point, &with(time_s), &fit.free)
-                + 0.5 * ((time_s / self.noise.turbulence_time_s).ln() / TURBULENCE_TIME_SIGMA_LN).powi(2)
-        };
-        let best = TURBULENCE_TIMES_S
-            .par_iter()
-            .map(|time_s| (objective(*time_s), *time_s))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        match best {
-            Some((_, time_s)) if time_s != fit.noise.turbulence_time_s => {
-                self.refine(fit.point.clone(), with(time_s))
-            }
-            _ => fit,
-        }
+        retimed(self, self.refine(self.nominal.clone(), self.noise))
+    }
+
+    /// One sigma of the logarithm of the turbulence before any flight.
+    pub(crate) fn turbulence_sigma_ln(&self) -> f64 {
+        let air = &self.rig.disturbance;
+        let told = air.turbulence_m_s2.map(|_| air.turbulence_spread_ln.unwrap_or(TOLD_TURBULENCE_SIGMA_LN));
+        told.unwrap_or(ANY_TURBULENCE_SIGMA_LN)
+    }
+
+    /// The same of its correlation time.
+    fn turbulence_time_sigma_ln(&self) -> f64 {
+        let told = self.rig.disturbance.turbulence_time_s.is_some();
+        if told { TOLD_TURBULENCE_TIME_SIGMA_LN } else { ANY_TURBULENCE_TIME_SIGMA_LN }
     }
 
     /// The flights as a point predicts them, nothing fitted, in their order.
@@ -267,9 +252,13 @@ impl<'a> Problem<'a> {
     pub(crate) fn prior(&self, point: &Point, noise: &Noise, free: &[Free]) -> f64 {
         let numbers: f64 =
             free.iter().map(|f| 0.5 * ((f.own(point.get(f.at)) - f.mean) / f.sigma).powi(2)).sum();
-        let measurement = (noise.measurement_m / self.noise.measurement_m).ln() / MEASUREMENT_SIGMA_LN;
-        let turbulence = turbulence_sigmas((noise.turbulence / self.noise.turbulence).ln());
-        numbers + 0.5 * (measurement * measurement + turbulence * turbulence) + settle::prior(self, noise)
+        let usual = &self.noise;
+        let sigmas = [
+            (noise.measurement_m / usual.measurement_m).ln() / MEASUREMENT_SIGMA_LN,
+            (noise.turbulence / usual.turbulence).ln() / self.turbulence_sigma_ln(),
+            (noise.turbulence_time_s / usual.turbulence_time_s).ln() / self.turbulence_time_sigma_ln(),
+        ];
+        numbers + 0.5 * sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() + settle::prior(self, noise)
     }
 
     /// the prediction: all of those before the given slot, of the others those that do not have their default.

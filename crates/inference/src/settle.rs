@@ -4,7 +4,10 @@
 use bench_filter::Noise;
 use bench_rig::Disturbance;
 
-use crate::fit::{Fit, Problem, TURBULENCE_TIMES_S};
+use crate::{
+    descent::{MAX_PASSES, WORTH},
+    fit::{Fit, Problem, TURBULENCE_TIMES_S},
+};
 
 /// One of the noise's numbers that may be less than is usual.
 struct Part {
@@ -77,20 +80,35 @@ fn settled(problem: &Problem<'_>, fit: &Fit) -> Noise {
             }
         }
     }
-    if problem.rig.disturbance.turbulence_time_s.is_none() {
-        let from = noise;
-        let nearby = NEARBY_TIMES.map(|factor| factor * from.turbulence_time_s);
-        for turbulence_time_s in TURBULENCE_TIMES_S.into_iter().chain(nearby) {
-            // Of a shorter memory it is also less: what it does within moments stays alike.
-            for power in [0.0, 0.25, 0.5] {
-                let factor = (turbulence_time_s / from.turbulence_time_s).powf(power);
-                let other = Noise { turbulence_time_s, turbulence: from.turbulence * factor, ..from };
-                let objective = problem.objective(&fit.point, &other, &fit.free);
-                if objective < best - WORTH_NATS {
-                    (noise, best) = (other, objective);
-                }
+    likeliest_time(problem, fit, noise, best)
+}
+
+/// Noise whose turbulence has the likeliest correlation time beside a fit, from noise of a given objective.
+fn likeliest_time(problem: &Problem<'_>, fit: &Fit, from: Noise, objective: f64) -> Noise {
+    let (mut noise, mut best) = (from, objective);
+    let nearby = NEARBY_TIMES.map(|factor| factor * from.turbulence_time_s);
+    for turbulence_time_s in TURBULENCE_TIMES_S.into_iter().chain(nearby) {
+        // Of a shorter correlation time it is also less: what it does within moments stays alike.
+        for power in [0.0, 0.25, 0.5] {
+            let factor = (turbulence_time_s / from.turbulence_time_s).powf(power);
+            let other = Noise { turbulence_time_s, turbulence: from.turbulence * factor, ..from };
+            let objective = problem.objective(&fit.point, &other, &fit.free);
+            if objective < best - WORTH_NATS {
+                (noise, best) = (other, objective);
             }
         }
     }
     noise
+}
+
+/// A fit of laws under turbulence of the likeliest correlation time beside it: what the null lacks is a slow turbulence there, and
+/// none beside the law that explains it.
+pub fn retimed(problem: &Problem<'_>, fit: Fit) -> Fit {
+    let noise = likeliest_time(problem, &fit, fit.noise, fit.objective);
+    if noise == fit.noise {
+        return fit;
+    }
+    let mut descent = problem.descent(fit.point, noise, 0);
+    descent.go(problem, MAX_PASSES, WORTH);
+    descent.into_fit()
 }

@@ -204,6 +204,8 @@ pub struct Observer {
 pub struct Disturbance {
     /// One sigma of the turbulence's vertical acceleration, m/s^2.
     pub turbulence_m_s2: Option<f64>,
+    /// One sigma of the natural logarithm by which the turbulence differs from day to day.
+    pub turbulence_spread_ln: Option<f64>,
     /// For how long it remembers, s.
     pub turbulence_time_s: Option<f64>,
     /// One sigma of the acceleration that a flight keeps and the next has not, m/s^2: batteries, trims, sensors warm
@@ -623,6 +625,13 @@ impl Disturbance {
             "One sigma of the turbulence's vertical acceleration.",
             acceleration,
             &mut self.turbulence_m_s2,
+        );
+        v.maybe(
+            "turbulence_spread_ln",
+            "One sigma of the natural logarithm by which the turbulence differs from day to day; \
+             absent: 0.25 where the turbulence is given.",
+            Range::above(0.0, 3.0),
+            &mut self.turbulence_spread_ln,
         );
         v.maybe(
             "turbulence_time_s",
