@@ -1,4 +1,4 @@
-"""RotorPy (github.com/spencerfolk/rotorpy): its multirotor with rotor drag, induced inflow, motor lag, attitude control and ground.
+"""RotorPy (github.com/spencerfolk/rotorpy): its multirotor with rotor drag, induced inflow, motor lag, allocation of thrust and torque, and ground.
 
 Its equations are integrated here by the midpoint rule, its motors exactly; its own `step` calls scipy's adaptive integrator, which costs several times as
 much. Linear vertical drag of the rig is RotorPy's induced inflow `k_z`, scaled to give it at hover."""
@@ -66,15 +66,13 @@ class RotorPyWorld(World):
         parameters = copy.deepcopy(quad_params)
         hover_rad_s = math.sqrt(rig.weight_n / (4.0 * parameters["k_eta"]))
         inflow = drag / (4.0 * hover_rad_s)
-        # Their gains of the attitude loop swing for seconds at this inertia; the rig's stabiliser is what flies.
-        natural, damping = rig.stabiliser["natural_frequency_rad_s"], rig.stabiliser["damping_ratio"]
-        parameters |= {"mass": mass_kg, "k_z": inflow, "k_d": inflow, "tau_m": MOTOR_S,
-                       "kp_att": natural**2, "kd_att": 2.0 * damping * natural}
+        self.natural, self.damping = rig.stabiliser["natural_frequency_rad_s"], rig.stabiliser["damping_ratio"]
+        parameters |= {"mass": mass_kg, "k_z": inflow, "k_d": inflow, "tau_m": MOTOR_S}
         # Share of the thrust that each rotor gives for its speed.
         rotors = np.ones(4)
         for law in laws:
             law.configure_rotorpy(parameters, rotors)
-        self.quad = Flown(parameters, control_abstraction="cmd_ctatt", aero=True, enable_ground=True)
+        self.quad = Flown(parameters, control_abstraction="cmd_ctbm", aero=True, enable_ground=True)
         self.quad.g = GRAVITY_M_S2
         self.quad.weight = np.array([0.0, 0.0, -self.quad.mass * GRAVITY_M_S2])
         self.quad.rotors, self.quad.world, self.quad.instant = rotors, self, (0.0, 0.0)
@@ -88,17 +86,19 @@ class RotorPyWorld(World):
     def speed(self):
         return float(self.s[5])
 
-    def commanded(self, t_s):
-        thrust_n = self.begin(t_s, float(self.s[2]), float(self.s[5]))
+    def commanded(self):
+        thrust_n = self.begin(self.now.t_s, float(self.s[2]), float(self.s[5]))
         pitch, roll = self.tilt
-        attitude = np.array([0.5 * roll, 0.5 * pitch, 0.0, 1.0])
+        x, y, z, w = self.s[6:10]
+        # The rig's stabiliser: RotorPy's own attitude loop is another airframe's.
+        error = np.array([roll - 2.0 * w * x, pitch - 2.0 * w * y, -2.0 * w * z])
+        moment = self.quad.inertia @ (self.natural**2 * error - 2.0 * self.damping * self.natural * self.s[10:13])
         self.s[13:16] = 0.0, 0.0, self.wind_m_s()
-        state = {"q": self.s[6:10], "w": self.s[10:13]}
-        speeds = self.quad.get_cmd_motor_speeds(state, {"cmd_thrust": thrust_n, "cmd_q": attitude / np.linalg.norm(attitude)})
+        speeds = self.quad.get_cmd_motor_speeds(None, {"cmd_thrust": thrust_n, "cmd_moment": moment})
         return np.clip(speeds, self.quad.rotor_speed_min, self.quad.rotor_speed_max)
 
     def step(self, dt_s):
-        speeds, before = self.commanded(self.now.t_s), self.s
+        speeds, before = self.commanded(), self.s
         first = self.quad._s_dot_fn(0.0, before, speeds)
         middle = before + 0.5 * dt_s * first
         middle[16:] = self.rotors_after(0.5 * dt_s, before[16:], speeds)
@@ -114,7 +114,7 @@ class RotorPyWorld(World):
 
     def led(self, other, dt_s):
         self.s[:16] = other.s[:16]
-        speeds = self.commanded(self.now.t_s)
+        speeds = self.commanded()
         acceleration = float(self.quad._s_dot_fn(0.0, self.s, speeds)[5])
         self.s[16:] = self.rotors_after(dt_s, self.s[16:], speeds)
         self.remember(dt_s)
