@@ -116,7 +116,7 @@ def page(runs):
     parts = [
         "# Strangers: results",
         f"Made by `tools/strangers/run` on {datetime.date.today()}, {os.cpu_count()} cores, {platform.machine()}; not edited. Cases in simulators that know nothing of the bench, with "
-        "effects by their own features or wrapped around their forces; sealed, answered and scored as the [blind check](../blind.md)'s. What is put in: tools/strangers/README.md. "
+        "effects by their own features or wrapped around their forces; sealed, answered and scored as the [blind check](../blind.md)'s. What is put in, and how d' is computed: [strangers.md](../strangers.md). "
         "Intervals are of 95 %: Wilson's of rates, a bootstrap's of figures.",
         table(["", *names], heads), "## Scores", table(["", *names], rows),
         "## Detection against size", "Cases with a cause by detectability d', computed by twins without the cause along the same path.",
