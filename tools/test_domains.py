@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 sys.dont_write_bytecode = True
-_loader = importlib.machinery.SourceFileLoader("domains_tool", str(Path(__file__).resolve().parent.parent / "domains"))
+_loader = importlib.machinery.SourceFileLoader("domains_tool", str(Path(__file__).resolve().parent / "domains"))
 tool = importlib.util.module_from_spec(importlib.util.spec_from_loader("domains_tool", _loader))
 _loader.exec_module(tool)
 
