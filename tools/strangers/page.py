@@ -121,13 +121,18 @@ def page(runs):
         table(["", *names], heads), "## Scores", table(["", *names], rows),
         "## Detection against size", "Cases with a cause by detectability d', computed by twins without the cause along the same path.",
     ]
+    # A score tells those bins alone that have cases.
+    bins = sorted({(b["from"], b.get("to")) for run in runs for b in run["score"]["detection"]}, key=lambda b: b[0])
     parts.append(table(["d'", *(f"{name}: {what}" for name in names for what in ("seen", "named"))], [
-        [f"{a['from']:g} to {a['to']:g}" if a.get("to") else f"{a['from']:g} or more", *(rate(run["score"]["detection"][i][what]) for run in runs for what in ("seen", "named"))]
-        for i, a in enumerate(runs[0]["score"]["detection"])]))
+        [f"{low:g} to {high:g}" if high else f"{low:g} or more", *(detected(run["score"], low, what) for run in runs for what in ("seen", "named"))] for low, high in bins]))
     for run in runs:
         parts += [f"## Cases of {run['simulator'].version}", table(["case", "put in", "size", "d'", "said", "probability of the truth"], [
             line(case, truth, run["answers"]["cases"].get(case)) for case, truth in sorted(run["key"]["cases"].items())])]
     return "\n\n".join(parts) + "\n"
+
+
+def detected(score, low, what):
+    return next((rate(b[what]) for b in score["detection"] if b["from"] == low), "no cases")
 
 
 def plain(key):
