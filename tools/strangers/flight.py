@@ -17,13 +17,15 @@ LATENESS_S = 0.0015
 # The tracker looks on, and the loop runs on, for so long after the mission, s.
 LOOK_ON_S, RUN_ON_S = 0.3, 1.0
 FOUND, LOST = 1, 2
+# Events that are closer together are one, s.
+EVENT_S = 1e-6
 # What random numbers are for.
 AIR, TRACKER, TIMING, READBACK, TRIM, FAULTS = range(1, 7)
 
 
 @dataclass
 class Case:
-    """Everything that a case's flights share. `faults` in the order in which they act; `motor_s` is part of the latency that the rig tells."""
+    """Everything that a case's flights share. `numbers` in the order of rig.NUMBERS, `faults` in the order in which they act."""
 
     numbers: list
     faults: list = field(default_factory=list)
@@ -38,7 +40,6 @@ class Case:
 class Frame:
     exposed_s: float
     arrived_s: float
-    extra_s: float
     position_m: list | None
     # The mean of what the frame tells less where the airframe was when the frame seems to be of, m.
     shift_m: float
@@ -80,10 +81,8 @@ def fly(rig, mission, case, flight, begins_min, simulator):
     everything = range(len(case.faults))
     own = faults(everything)
     worlds = [simulator.World(rig, airframe, own, air)]
-    kept = twins(case)
-    worlds += [simulator.World(rig, airframe, faults(which), air) for which in kept]
-    bench = _Bench(rig, case, own, worlds, simulator, stream(case, flight, TRACKER), duration_s)
-    bench.hears = [own, *([own[i] for i in which] for which in kept)]
+    worlds += [simulator.World(rig, airframe, faults(kept), air) for kept in twins(case)]
+    bench = Bench(rig, case, own, worlds, simulator, stream(case, flight, TRACKER), duration_s)
     timing, readback = stream(case, flight, TIMING), stream(case, flight, READBACK)
     pilot, loop, pins = Pilot(rig, mission), [], []
     converter, free_s, told = Converter(rig, own), 0.0, 0
@@ -119,6 +118,8 @@ def fly(rig, mission, case, flight, begins_min, simulator):
 
 
 class Converter:
+    """The output: the faults' doing, then the rig's resolution and ends."""
+
     def __init__(self, rig, faults):
         self.rig, self.faults = rig, [fault for fault in faults if fault.slot == "output"]
         self.step = rig.range / (2**rig.bits - 1) if rig.bits else 0.0
@@ -135,7 +136,7 @@ class Converter:
         return self.pin
 
 
-class _Bench:
+class Bench:
     """Worlds and camera together: they go on from event to event."""
 
     def __init__(self, rig, case, faults, worlds, simulator, random, duration_s):
@@ -146,16 +147,12 @@ class _Bench:
         # A camera that has run for a while, no one knows how long.
         self.count = int(random.integers(100_000))
         self.last_arrival_s = -1.0
-        self.path = [(0.0, 0.0)]
         self.latency_s = max(case.numbers[6] - simulator.MOTOR_S, 0.0)
 
     def write(self, t_s, pin, tilt):
-        """A pin changes; every world hears of it through the radio of its own faults."""
-        for world, faults in zip(self.worlds, self.hears):
-            heard_s = t_s
-            for fault in faults:
-                heard_s = fault.heard_at_s(heard_s)
-            world.edges.append((heard_s, pin, tilt))
+        """A pin changes; every world hears of it, and its own faults make of it what they do."""
+        for world in self.worlds:
+            world.edges.append((t_s, pin, tilt))
 
     def exposure_s(self, frame):
         return self.first_s + frame * self.rig.frame_s
@@ -163,10 +160,9 @@ class _Bench:
     def advance(self, to_s):
         while self.t_s < to_s - 1e-9:
             due_s = self.exposure_s(len(self.frames)) if len(self.frames) < self.frame_count else math.inf
-            edge_s = min(world.next_edge_s() for world in self.worlds)
-            ends = [to_s, due_s, self.t_s + self.simulator.STEP_S] + ([edge_s] if edge_s > self.t_s + 1e-6 else [])
-            end_s = min(end for end in ends if end > self.t_s + 1e-6 or end is to_s)
-            dt_s = max(end_s - self.t_s, 1e-6)
+            ends = [to_s, due_s, self.t_s + self.simulator.STEP_S, min(world.next_edge_s() for world in self.worlds)]
+            # An event that is due now is no end of a step.
+            dt_s = max(min((end for end in ends if end > self.t_s + EVENT_S), default=to_s) - self.t_s, EVENT_S)
             flown, *others = self.worlds
             z_m, v_m_s, load = float(flown.place()[2]), flown.speed(), flown.now.load
             led = [twin.led(flown, dt_s) for twin in others]
@@ -175,17 +171,8 @@ class _Bench:
             self.t_s += dt_s
             for world in self.worlds:
                 world.now.t_s = self.t_s
-            self.path.append((self.t_s, float(flown.place()[2])))
-            if due_s <= self.t_s + 1e-6:
+            if due_s <= self.t_s + EVENT_S:
                 self.expose(self.t_s)
-
-    def altitude(self, t_s):
-        """Where the airframe was at an instant not long ago, m."""
-        i = len(self.path) - 1
-        while i > 1 and self.path[i - 1][0] > t_s:
-            i -= 1
-        (t0, a), (t1, b) = self.path[i - 1], self.path[i]
-        return a + (b - a) * min(max((t_s - t0) / (t1 - t0), 0.0), 1.0)
 
     def expose(self, t_s):
         random, rig, flown = self.random, self.rig, self.worlds[0]
@@ -207,6 +194,6 @@ class _Bench:
         lost = any([fault.lost(random, self.count) for fault in self.faults]) or lost
         rounded = lambda x: round(x / rig.resolution_m) * rig.resolution_m if rig.resolution_m else x
         position_m = None if lost else [rounded(float(x)) for x in (place[0] + noise[0], place[1] + noise[1], z_m)]
-        self.frames.append(Frame(t_s, arrived_s, extra_s, position_m, float(shift_m)))
+        self.frames.append(Frame(t_s, arrived_s, position_m, float(shift_m)))
 
 

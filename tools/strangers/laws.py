@@ -45,9 +45,6 @@ class Fault:
     def output(self, session_min, asked, pin_before):
         return asked
 
-    def heard_at_s(self, t_s):
-        return t_s
-
     def throttle(self, now, throttle):
         return throttle
 

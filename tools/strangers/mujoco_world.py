@@ -2,8 +2,6 @@
 
 Linear drag of the rig is MuJoCo's viscous drag on the body's inertia box, scaled to give it; density is zero unless a law sets it."""
 
-import math
-
 import mujoco
 import numpy as np
 
