@@ -1,6 +1,6 @@
 """Tests of the strangers' laboratory: physics against closed forms, and one sealed case of each simulator that the bench reads.
 
-    BENCH_PROGRAM=target/debug/bench PYTHON-WITH-THE-PACKAGES -m unittest discover -s tools/strangers
+    BENCH_PROGRAM=target/release/bench $(tools/strangers/run --python) -m unittest discover -s tools/strangers
 """
 
 import json
