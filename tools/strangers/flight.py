@@ -160,9 +160,9 @@ class Bench:
     def advance(self, to_s):
         while self.t_s < to_s - 1e-9:
             due_s = self.exposure_s(len(self.frames)) if len(self.frames) < self.frame_count else math.inf
-            ends = [to_s, due_s, self.t_s + self.simulator.STEP_S, min(world.next_edge_s() for world in self.worlds)]
+            events = [due_s, self.t_s + self.simulator.STEP_S, min(world.next_edge_s() for world in self.worlds)]
             # An event that is due now is no end of a step.
-            dt_s = max(min((end for end in ends if end > self.t_s + EVENT_S), default=to_s) - self.t_s, EVENT_S)
+            dt_s = max(min([to_s, *(event for event in events if event > self.t_s + EVENT_S)]) - self.t_s, EVENT_S)
             flown, *others = self.worlds
             z_m, v_m_s, load = float(flown.place()[2]), flown.speed(), flown.now.load
             led = [twin.led(flown, dt_s) for twin in others]
