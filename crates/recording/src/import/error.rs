@@ -64,6 +64,19 @@ pub enum ImportError {
         /// What the log has.
         topics: Vec<String>,
     },
+    /// A table whose columns tell no flight.
+    #[error(
+        "no map can be guessed for {}: {}. Its columns are {}. docs/import.md tells how a map is written",
+        path.display(), missing.join("; "), columns.join(", ")
+    )]
+    NotGuessed {
+        /// The log.
+        path: PathBuf,
+        /// What was not found, in words.
+        missing: Vec<String>,
+        /// The columns that the log has.
+        columns: Vec<String>,
+    },
     /// The log has no header.
     #[error("{} is empty; expected a CSV file whose first line names the columns", path.display())]
     NoHeader {

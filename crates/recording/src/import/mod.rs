@@ -6,6 +6,7 @@
 
 mod convert;
 mod error;
+mod guess;
 mod keys;
 mod log;
 mod map;
@@ -31,6 +32,7 @@ use self::{
 };
 pub use self::{
     error::{ColumnProblem, ImportError},
+    guess::{GuessedMap, guess},
     map::ImportMap,
     report::{ImportReport, LossReport, QuantityRange, SkipReason, Skipped, TopicsReport},
 };
