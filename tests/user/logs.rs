@@ -17,7 +17,7 @@ use writers::{Dataflash, Ulog, floats};
 const BOOT_US: u64 = 100_000_000;
 
 /// The virtual rig with sticks in fractions of their range, as autopilots log them.
-fn rig(scratch: &Scratch) -> String {
+pub fn rig(scratch: &Scratch) -> String {
     let read = |name: &str| fs::read_to_string(root().join("rigs").join(name)).unwrap();
     let mut airframe: toml::Table = read("airframes/hubsan-q4.toml").parse().unwrap();
     airframe["actuation"] = "fraction".into();
@@ -67,7 +67,7 @@ fn seen(flight: &Flight) -> impl Iterator<Item = &PositionSample> {
 }
 
 /// As PX4 logs it: times in us, north-east-down, thrust from 0 to -1.
-fn px4(flight: &Flight) -> Vec<u8> {
+pub fn px4(flight: &Flight) -> Vec<u8> {
     let mut log = Ulog::new();
     log.info("sys_name", "PX4");
     log.parameter("MPC_THR_HOVER", 0.5);
