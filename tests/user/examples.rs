@@ -21,6 +21,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("--foxglove", "needs a program built with a server for Foxglove; tests/user/foxglove.rs is its viewer"),
     ("sudo bench udev --install", "changes the system; tests/user/packaging.rs installs into another folder"),
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
+    ("--model sim-*.ulg", "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it"),
     ("hil.mcap", "is recorded by the example before, which needs a board"),
 ];
 

@@ -147,6 +147,31 @@ fn a_map_guessed_of_a_strangers_table_has_its_units() {
 }
 
 #[test]
+fn a_map_guessed_of_a_log_of_the_crazyflie_client_reads_it() {
+    let scratch = Scratch::new();
+    let mut text = String::from(
+        "Timestamp,stateEstimate.x,stateEstimate.y,stateEstimate.z,stabilizer.thrust,stabilizer.yaw,pm.vbat\n",
+    );
+    for k in 0..100 {
+        writeln!(text, "{},0.1,0.2,{:.3},{},-90.5,3.9", 123_456 + 10 * k, 0.01 * f64::from(k), 300 * k)
+            .unwrap();
+    }
+    let (table, map, out) = (scratch.name("log.csv"), scratch.name("map.toml"), scratch.name("log.mcap"));
+    fs::write(&table, &text).unwrap();
+    bench(["import", "--guess", &table, "-o", &map]).assert().success();
+    let report = json(&bench(["import", "--map", &map, &table, "-o", &out, "--json"]).assert().success());
+    let near = |name: &str, low: f64, high: f64| {
+        let (min, max, _) = ranges(&report, name);
+        assert!((min - low).abs() < 1e-9 && (max - high).abs() < 1e-9, "{name}: {report}");
+    };
+    near("position.x", 0.1, 0.1);
+    near("position.z", 0.0, 0.99);
+    near("command.throttle", 0.0, 29_700.0);
+    near("motion.yaw", -90.5_f64.to_radians(), -90.5_f64.to_radians());
+    assert!((report["duration_s"].as_f64().unwrap() - 0.99).abs() < 1e-9, "{report}");
+}
+
+#[test]
 fn what_cannot_be_guessed_is_said() {
     let scratch = Scratch::new();
     let guess = |text: &str| {

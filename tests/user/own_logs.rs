@@ -42,6 +42,16 @@ fn the_page_goes_from_logs_to_the_effect_that_was_flown() {
     flown(&scratch, &rig, "nominal", &NOMINAL, 1, &[]);
     flown(&scratch, &rig, "test", &TESTED, 21, &["--effect", "battery-discharge:loss_per_hover_minute=0.08"]);
     let folder = scratch.path("page");
+    // What a simulator flew, and what was flown with the effect.
+    for (name, of) in [("sim", ("nominal", NOMINAL.len())), ("real", ("test", TESTED.len()))] {
+        for index in 1..=of.1 {
+            fs::copy(
+                folder.join(format!("{}-{index}.ulg", of.0)),
+                folder.join(format!("{name}-{index}.ulg")),
+            )
+            .unwrap();
+        }
+    }
     let shell = Shell::in_folder(&scratch, &folder);
     let commands = commands("your-own-logs.md");
     assert!(commands.iter().any(|line| line.starts_with("bench rig from-log")), "{commands:?}");
@@ -54,17 +64,37 @@ fn the_page_goes_from_logs_to_the_effect_that_was_flown() {
     assert!(told("draft.toml").contains("# guess: ") && told("draft.toml").contains("# from the flights: "));
     let diagnosed = |arguments: &[&str]| -> Value {
         let (code, said) =
-            shell.run(&format!("bench diagnose --rig my-quad.toml {} --json", arguments.join(" ")));
+            shell.run(&format!("bench diagnose {} --json 2>progress.txt", arguments.join(" ")));
         assert_eq!(code, Some(0), "{said}");
         serde_json::from_str(&said).unwrap()
     };
-    let found = diagnosed(&["test-*.mcap"]);
+    let found = diagnosed(&["--rig my-quad.toml test-*.mcap"]);
+    assert_eq!((&found["verdict"], &found["leading"]), (&"effect".into(), &"battery-discharge".into()));
+    // By one command from the logs, the same.
+    let found = diagnosed(&["real-*.ulg --model sim-*.ulg"]);
     assert_eq!((&found["verdict"], &found["leading"]), (&"effect".into(), &"battery-discharge".into()));
     // Nominal flights that no step has seen.
     flown(&scratch, &rig, "other", &TESTED, 41, &[]);
     let (code, said) = shell.run("for n in 1 2 3; do bench import other-$n.ulg -o other-$n.mcap; done");
     assert_eq!(code, Some(0), "{said}");
-    assert_eq!(diagnosed(&["other-*.mcap"])["verdict"], "none");
+    assert_eq!(diagnosed(&["--rig my-quad.toml other-*.mcap"])["verdict"], "none");
+}
+
+#[test]
+fn a_model_that_cannot_be_one_is_refused() {
+    let scratch = Scratch::new();
+    fs::create_dir(scratch.path("page")).unwrap();
+    let rig = logs::rig(&scratch);
+    flown(&scratch, &rig, "sim", &["hop", "climb-040"], 1, &[]);
+    let of = |name: &str| scratch.path("page").join(name).to_str().unwrap().to_owned();
+    let (one, two) = (of("sim-1.ulg"), of("sim-2.ulg"));
+    let words = refused(bench(["diagnose", &one, "--model", &one, &two]), 2);
+    assert!(words.contains("--model") && words.contains("at least 3"), "{words}");
+    let words = refused(bench(["diagnose", &one, "--model", &one, "--rig", "virtual"]), 2);
+    assert!(words.contains("cannot be used with"), "{words}");
+    // A rig whose throttle is in another unit is no model of a log.
+    let words = refused(bench(["diagnose", "--rig", "virtual", &one]), 2);
+    assert!(words.contains("it cannot be a model"), "{words}");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use bench_logs::Survey;
-use bench_recording::{FileKind, Flight, Recording, import::import};
+use bench_logs::{Format, Survey};
+use bench_recording::{Channel, FileKind, Flight, Mode, Recording, Session, import::import};
 use bench_rig::{Actuation, Rig};
 
 use crate::{commands::import::map_of, files};
@@ -25,7 +25,7 @@ impl Flown {
     pub fn read(path: &Path, map: Option<&Path>) -> anyhow::Result<Self> {
         let name = path.display().to_string();
         let kind = FileKind::of(path).with_context(|| format!("cannot read {name}"))?;
-        if map.is_none() && kind == FileKind::Mcap && Recording::open(path).is_ok() {
+        if map.is_none() && kind == FileKind::Mcap && is_own(path) {
             let flight = Flight::load(path)?;
             let actuation = actuation(&flight);
             return Ok(Self { name, flight, actuation, survey: None });
@@ -54,7 +54,32 @@ impl Flown {
     }
 }
 
-fn actuation(flight: &Flight) -> Option<Actuation> {
+/// Whether an MCAP file is a recording of the bench's, whole or cut.
+pub fn is_own(path: &Path) -> bool {
+    match Recording::open(path) {
+        Ok(recording) => Channel::ALL.iter().any(|channel| recording.count(*channel) > 0),
+        Err(_) => Survey::of(path, Format::Mcap)
+            .is_ok_and(|survey| survey.topics.iter().any(|found| found.topic.kind.starts_with("bench.v1."))),
+    }
+}
+
+/// Whether a file is a log that is read without being told how, and no recording.
+fn is_log(path: &Path) -> bool {
+    matches!(FileKind::of(path), Ok(FileKind::Ulog | FileKind::Dataflash))
+}
+
+/// The flight of a recording, or of a log that `bench import` reads without a map's name.
+pub fn flight(path: &Path) -> anyhow::Result<Flight> {
+    if is_log(path) { Ok(Flown::read(path, None)?.flight) } else { Ok(Flight::load(path)?) }
+}
+
+/// What a recording says of itself; nothing of a log.
+pub fn session(path: &Path) -> anyhow::Result<Session> {
+    if is_log(path) { Ok(Session::new(Mode::Import)) } else { Ok(Recording::open(path)?.session().clone()) }
+}
+
+/// The unit of a flight's throttle, where its file says it.
+pub fn actuation(flight: &Flight) -> Option<Actuation> {
     if let Some(text) = flight.rig_toml() {
         return Rig::read(Path::new("rig.toml"), text).ok().map(|rig| rig.airframe.actuation);
     }

@@ -12,10 +12,10 @@ use crate::{
     arguments::{Force, Json},
     exit::Exit,
     files::{self, Form, Outputs},
-    library, progress, words,
+    library, logs, progress, words,
 };
 
-/// Turn a flight log into a recording: PX4 and ArduPilot logs as they are, tables by a mapping file
+/// Turn a flight log into a recording: logs of PX4, ArduPilot and ROS 2 as they are, tables by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench import log.ulg -o px4.mcap
@@ -25,14 +25,14 @@ use crate::{
   bench import flight.csv --rig virtual -o again.mcap
   bench import --guess flight.csv -o guessed.toml
 
-For logs of PX4 (ULog) and ArduPilot (dataflash) a built-in map is chosen by what is in them;
---map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
+For logs of PX4 (ULog), ArduPilot (dataflash) and ROS 2 (MCAP) a built-in map is chosen by what is
+in them; --map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
 write a map. Rows with something wrong in them are counted and told, never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
     /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them). Not needed for
-    /// a log of PX4 or ArduPilot, or a table that `bench export` wrote
+    /// a log of PX4, ArduPilot or ROS 2, or a table that `bench export` wrote
     #[arg(long, value_name = "MAP")]
     map: Option<PathBuf>,
     /// Rig to attach, instead of the map's own: a file, or the name of a built-in one
@@ -118,7 +118,7 @@ pub fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
             "{shown} was exported from a recording without a rig, so its heading does not tell the unit of the sticks; name the map with --map"
         ),
         kind => match kind.instead_of_log() {
-            Some(advice) => bail!("{shown} is {}, not a CSV flight log: {advice}", kind.name()),
+            Some(advice) => bail!("{shown} is {}, which `bench import` does not read: {advice}", kind.name()),
             None => bail!(
                 "{shown}: say with --map which column is what; `bench import --guess {shown}` proposes a map, docs/import.md tells how one is written, `bench rigs` lists those built in"
             ),
@@ -134,7 +134,10 @@ pub fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
 
 /// The built-in map that suits what is in a log of topics.
 fn map_of_topics(log: &Path, kind: &FileKind) -> anyhow::Result<Option<ImportMap>> {
-    let Some(format) = kind.log_format().filter(|_| *kind != FileKind::Mcap) else { return Ok(None) };
+    let Some(format) = kind.log_format() else { return Ok(None) };
+    if *kind == FileKind::Mcap && logs::is_own(log) {
+        return Ok(None);
+    }
     let maps = library::LOG_MAPS.map(|name| files::import_map(Path::new(name)));
     let mut maps = maps.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     let chosen = choose(&maps, format, log)?;

@@ -1,4 +1,4 @@
-mod from_log;
+pub mod from_log;
 
 use std::{
     fmt::Write as _,

@@ -22,8 +22,8 @@ pub enum ImportError {
         /// Why.
         source: io::Error,
     },
-    /// The log is no CSV file.
-    #[error("{} is {}, not a CSV flight log: {advice}", path.display(), kind.name())]
+    /// The log is no table.
+    #[error("{} is {}, not a table of a flight: {advice}", path.display(), kind.name())]
     NotCsv {
         /// The log.
         path: PathBuf,
@@ -46,6 +46,22 @@ pub enum ImportError {
         map: String,
         /// What the map is for, in words.
         expected: &'static str,
+    },
+    /// Several topics of a log have what the map calls by their type.
+    #[error(
+        "{}: map {map} takes {column} from the one topic of its type, and there are several: {}. Copy the map (`bench rigs copy import/{map}`) and \
+         name in it the topic of the vehicle that is wanted",
+        path.display(), topics.join(", ")
+    )]
+    SeveralTopics {
+        /// The log.
+        path: PathBuf,
+        /// The map's name.
+        map: String,
+        /// The column.
+        column: String,
+        /// The topics that have it.
+        topics: Vec<String>,
     },
     /// A log of topics has no altitude that a map finds.
     #[error(

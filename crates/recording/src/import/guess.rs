@@ -431,6 +431,18 @@ impl<'a> Guess<'a> {
         }
     }
 
+    /// Whether a column is one of an estimate on board, such as `stateEstimate.z`; `truth` and the like are none.
+    fn estimated(column: &Column, axis: &str) -> bool {
+        const NO_STATE: &[&str] = &["truth", "true", "error", "err", "std", "var", "cov", "bias"];
+        let is_estimate = column.has_one_of(&["estimate", "est", "hat", "ekf", "kalman"]);
+        let is_axis = column.parts.last().is_some_and(|last| last == axis);
+        column.is_number()
+            && is_estimate
+            && is_axis
+            && !column.has_one_of(WANTED)
+            && !column.has_one_of(NO_STATE)
+    }
+
     /// The altitude, and whether it counts downwards.
     fn altitude(&mut self) -> Option<(&'a Column, Option<String>)> {
         let names = ["alt", "altitude", "height", "baro", "range"];
@@ -440,7 +452,8 @@ impl<'a> Guess<'a> {
             None => self
                 .axis("z", PLACE, true)
                 .or_else(|| self.find(|column| column.is_measured() && column.has_one_of(&["down", "pd"])))
-                .or_else(|| self.find(|column| column.is_measured() && column.has_one_of(&names[3..])))?,
+                .or_else(|| self.find(|column| column.is_measured() && column.has_one_of(&names[3..])))
+                .or_else(|| self.find(|column| Self::estimated(column, "z")))?,
         };
         let down = if column.has_one_of(&["down", "pd", "ned"]) {
             Some("by its name it counts downwards".to_owned())
@@ -470,8 +483,15 @@ impl<'a> Guess<'a> {
             out += "latency_s = 0.0   # guess: nothing tells how old a position is\n";
         }
         let (unit, words) = self.length(z);
-        let x = self.axis("x", PLACE, true);
-        let y = self.axis("y", PLACE, true);
+        // Of one source: estimated on board, or measured.
+        let mut of = |axis: &str| {
+            if Self::estimated(z, "z") {
+                self.find(|column| Self::estimated(column, axis))
+            } else {
+                self.axis(axis, PLACE, true)
+            }
+        };
+        let (x, y) = (of("x"), of("y"));
         for (key, column) in [("x", x), ("y", y)] {
             if let Some(column) = column {
                 let (unit, words) = match column.unit.filter(|unit| ["m", "cm", "mm"].contains(unit)) {

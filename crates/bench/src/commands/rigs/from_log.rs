@@ -23,7 +23,7 @@ use crate::{
 #[command(after_help = "Examples:
   bench rig from-log log.ulg -o my-draft.toml
   bench rig from-log nominal-*.ulg --mass-kg 0.8 -o my-draft.toml --force
-  bench rig from-log nominal-*.mcap -o my-draft.toml --force --json
+  bench rig from-log log-*.mcap -o my-draft.toml --force --json
 
 A draft has wide tolerances, and a comment at each number says what it was drawn from: the flights,
 a parameter of the log, or nothing, which makes it a guess. `bench identify flight` narrows it by
