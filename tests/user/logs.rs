@@ -149,11 +149,14 @@ fn ardupilot(flight: &Flight) -> Vec<u8> {
     log.bytes()
 }
 
+/// Times, ns, and content.
+type Messages = Vec<(u64, Vec<u8>)>;
+
 /// A bag of ROS 2 in MCAP.
 struct Bag {
     bytes: Vec<u8>,
-    /// Type, topic, and the messages with their times, ns.
-    topics: Vec<(&'static str, String, Vec<(u64, Vec<u8>)>)>,
+    /// Type, topic, and the messages.
+    topics: Vec<(&'static str, String, Messages)>,
 }
 
 /// Definitions of messages as bags carry them, by type.

@@ -250,11 +250,9 @@ fn model(selection: &Selection, flights: &[PathBuf]) -> anyhow::Result<Nominal> 
     progress.begin_untold(&format!("identifying the model from {count}"));
     let found = identify_flights(&tracks, &draft);
     drop(progress);
-    let found = found.with_context(|| {
-        format!(
-            "{}no model of the flights of --model",
-            remarks.iter().map(|remark| format!("{remark}\n")).collect::<String>()
-        )
+    let found = found.with_context(|| match remarks.as_slice() {
+        [] => "no model of the flights of --model".to_owned(),
+        remarks => format!("no model of the flights of --model; not used:\n{}", remarks.join("\n")),
     })?;
     let left: Vec<&str> =
         found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
