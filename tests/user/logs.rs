@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::support::{Scratch, bench, json, refused, root, stdout};
 
 #[path = "../../crates/logs/tests/logs/writers.rs"]
-mod writers;
+pub mod writers;
 
 use writers::{Dataflash, Ulog, floats};
 

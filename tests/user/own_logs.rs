@@ -1,13 +1,13 @@
 //! `docs/your-own-logs.md`, command by command, on logs that are flown here and written in PX4's format.
 
-use std::fs;
+use std::{fs, path::Path};
 
 use bench_recording::Flight;
 use serde_json::Value;
 
 use crate::{
     examples::Shell,
-    logs,
+    logs::{self, writers::Ulog},
     support::{Scratch, bench, json, refused, root, stdout},
 };
 
@@ -120,6 +120,29 @@ fn a_draft_says_what_it_was_drawn_from_and_refuses_what_is_no_flight() {
         "{words}"
     );
 
+    // What the autopilot's parameters tell.
+    let mut more = Ulog::new();
+    for (name, value) in [("VM_MASS", 1.25), ("CA_ROTOR0_PX", 0.3), ("CA_ROTOR0_PY", -0.4)] {
+        more.parameter(name, value);
+    }
+    // Without the head of the second log and its flags.
+    fs::write(&log, [logs::short(true), more.bytes().split_off(16 + 43)].concat()).unwrap();
+    let draft = json(&bench(["rig", "from-log", &log, "-o", &out, "--force", "--json"]).assert().success());
+    let told = |key: &str, value: f64| {
+        let numbers = draft["numbers"].as_array().unwrap();
+        let found = numbers.iter().find(|number| number["key"] == key).unwrap();
+        let there: f64 = found["value"].as_str().unwrap().parse().unwrap();
+        // Parameters are floats, right to 6e-8 of themselves.
+        assert!(found["from"] == "told" && (there - value).abs() < 1e-6, "{found}");
+    };
+    told("airframe.mass_kg", 1.25);
+    told("airframe.stabiliser.arm_m", 0.5);
+    // ArduPilot's logs, too.
+    let dataflash = scratch.name("short.bin");
+    fs::write(&dataflash, logs::short_dataflash()).unwrap();
+    bench(["rig", "from-log", &dataflash, "-o", &out, "--force"]).assert().success();
+    bench(["check", &out]).assert().success();
+
     let words = refused(bench(["rig", "from-log", &log, "-o", &out]), 2);
     assert!(words.contains("--force"), "{words}");
     fs::write(&log, logs::short(false)).unwrap();
@@ -136,4 +159,50 @@ fn a_draft_says_what_it_was_drawn_from_and_refuses_what_is_no_flight() {
     let words = refused(bench(["rig", "from-log", &log, &flown, "-o", &out]), 2);
     assert!(words.contains("not of one aircraft"), "{words}");
     assert!(!scratch.path("none.toml").exists());
+}
+
+/// Drafts of published flights of a Crazyflie, beside the rig that was identified from some of them, and what its maker says.
+#[test]
+#[ignore = "needs BENCH_DATA; tests/run runs it where that is set"]
+fn bench_data_drafts_of_real_flights_are_near_what_is_known_of_them() {
+    let data = std::env::var_os("BENCH_DATA").expect("BENCH_DATA names the data folder");
+    let real = Path::new(&data).join("real");
+    let scratch = Scratch::new();
+    let known = bench_rig::Rig::load(root().join("rigs/crazyflie-2.toml")).unwrap();
+    for (map, folder, begins) in [("crazypad", "crazypad/normal", "flight-"), ("nanobench", "nanobench", "B")]
+    {
+        let mut logs: Vec<_> =
+            fs::read_dir(real.join(folder)).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let is_log = |path: &Path| {
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            name.starts_with(begins) && name.ends_with(".csv") && !name.contains("fast")
+        };
+        logs.retain(|path| is_log(path));
+        logs.sort();
+        let out = scratch.name(&format!("{map}.toml"));
+        bench(["rig", "from-log", "--map", map, "--mass-kg", "0.027", "-o", &out])
+            .args(&logs)
+            .assert()
+            .success();
+        let rig = bench_rig::Rig::load(&out).unwrap();
+        let a = &rig.airframe;
+        eprintln!("{map}: {} flights, {:?}, latency {:?}", logs.len(), a.thrust, rig.tracker.latency_s);
+        // Coreless motors follow within 0.03 s to 0.1 s.
+        assert!((0.03..0.12).contains(&rig.tracker.latency_s.value), "{map}: {rig:?}");
+        // It lifts more than its weight, and no more than the 60 g of the maker's thrust stand.
+        let full_n = a.thrust_n(65535.0);
+        assert!((1.1 * a.weight_n()..0.6).contains(&full_n), "{map}: {full_n} N");
+        if map == "crazypad" {
+            let b = &known.airframe;
+            let hover = |a: &bench_rig::Airframe| a.throttle_for(a.weight_n());
+            let sigma = a.thrust.hover_sigma.unwrap();
+            assert!((hover(a) - hover(b)).abs() < 2.0 * sigma, "{} and {}", hover(a), hover(b));
+            assert!(
+                (a.thrust.offset.value - b.thrust.offset.value).abs() < 2.0 * a.thrust.offset.sigma,
+                "{rig:?}"
+            );
+            let [drafted, identified] = [rig.tracker.latency_s, known.tracker.latency_s];
+            assert!((drafted.value - identified.value).abs() < 2.0 * drafted.sigma, "{drafted:?}");
+        }
+    }
 }

@@ -112,6 +112,17 @@ pub enum DraftError {
         /// The highest throttle, in units of the actuation.
         throttle: f64,
     },
+    /// There are no flights.
+    #[error("a rig is drafted from one flight at least")]
+    NoFlights,
+    /// The throttle that it flies with is none.
+    #[error(
+        "it flies at a throttle of {throttle}, as if nothing carried it: the throttle is another column, or the aircraft was carried by hand"
+    )]
+    NoLift {
+        /// The throttle that hovers, in units of the actuation.
+        throttle: f64,
+    },
     /// Altitudes that no small aircraft reaches.
     #[error(
         "{flight}: its highest altitude is {height_m:.0} m: is it in millimetres? Look at the map by which it was imported"
@@ -146,6 +157,9 @@ struct Flown {
 impl Draft {
     /// Drafts a rig from flights with their names.
     pub fn of(flights: &[(String, Flight)], known: &Known) -> Result<Self, DraftError> {
+        if flights.is_empty() {
+            return Err(DraftError::NoFlights);
+        }
         let flown = flights
             .iter()
             .map(|(name, flight)| Flown::of(name, flight))
@@ -154,6 +168,11 @@ impl Draft {
         let mut notes = Notes::default();
         let sightings = Sightings::of(&recorded, &flown);
         let response = Response::of(&flown, &sightings);
+        let lowest =
+            flown.iter().flat_map(|of| &of.throttle).map(|[_, throttle]| *throttle).fold(0.0, f64::min);
+        if !(response.hover > lowest) {
+            return Err(DraftError::NoLift { throttle: response.hover });
+        }
         let mut rig = Rig { name: known.name.clone(), ..Rig::default() };
         rig.control_loop = control_loop(&recorded, &mut notes);
         rig.plant = plant(rig.control_loop, &mut notes);
@@ -520,7 +539,8 @@ fn airframe(flown: &[Flown], response: &Response, known: &Known, notes: &mut Not
         &["natural_frequency_rad_s", "damping_ratio", "yaw_time_constant_s"],
         "as of small quadcopters; vertical flights use none of it",
     );
-    let inertia = mass_kg * arm_m * arm_m / 4.0;
+    // No rig takes more than twice as much.
+    let inertia = (mass_kg * arm_m * arm_m / 4.0).min(50.0);
     Airframe {
         name: known.name.clone(),
         actuation: known.actuation,

@@ -111,6 +111,10 @@ fn flights_that_tell_nothing_are_refused() {
     };
     assert!(matches!(with(&|flight| flight.commands.clear()), DraftError::NoThrottle { .. }));
     assert!(matches!(with(&|flight| flight.positions.truncate(20)), DraftError::TooShort { .. }));
+    assert_eq!(drafted(&[]).unwrap_err(), DraftError::NoFlights);
+    let carried =
+        with(&|flight| flight.commands.iter_mut().for_each(|command| command.sticks.throttle = 0.0));
+    assert!(matches!(carried, DraftError::NoLift { .. }), "{carried}");
     let still = with(&|flight| flight.positions.iter_mut().for_each(|position| position.position_m[2] = 0.0));
     assert!(matches!(still, DraftError::NeverFlew { .. }), "{still}");
     let high = with(&|flight| flight.positions.iter_mut().for_each(|position| position.position_m[2] *= 1e5));

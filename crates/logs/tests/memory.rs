@@ -42,13 +42,15 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// A log is made of so many samples, over and over.
+const SAMPLES: u64 = 10_000;
+
 /// Writes a log of so many MB, and returns how many samples it has.
 fn write(path: &Path, megabytes: usize) -> u64 {
     let mut head = Ulog::new();
     head.format("sensor_combined:uint64_t timestamp;float[20] values;");
     head.subscribe(0, 0, "sensor_combined");
     let mut with_data = Ulog::new();
-    const SAMPLES: u64 = 10_000;
     for k in 0..SAMPLES {
         with_data.data(0, k * 1000, &floats(&[k as f64; 20]));
     }
