@@ -170,7 +170,7 @@ impl Draft {
         let response = Response::of(&flown, &sightings);
         let lowest =
             flown.iter().flat_map(|of| &of.throttle).map(|[_, throttle]| *throttle).fold(0.0, f64::min);
-        if !(response.hover > lowest) {
+        if response.hover.is_nan() || response.hover <= lowest {
             return Err(DraftError::NoLift { throttle: response.hover });
         }
         let mut rig = Rig { name: known.name.clone(), ..Rig::default() };
