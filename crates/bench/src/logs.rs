@@ -63,19 +63,23 @@ pub fn is_own(path: &Path) -> bool {
     }
 }
 
-/// Whether a file is a log that is read without being told how, and no recording.
-fn is_log(path: &Path) -> bool {
-    matches!(FileKind::of(path), Ok(FileKind::Ulog | FileKind::Dataflash))
+/// The kind of a log that is read without being told how; `None` of recordings and all else.
+pub fn kind(path: &Path) -> Option<FileKind> {
+    FileKind::of(path).ok().filter(|kind| matches!(kind, FileKind::Ulog | FileKind::Dataflash))
 }
 
 /// The flight of a recording, or of a log that `bench import` reads without a map's name.
 pub fn flight(path: &Path) -> anyhow::Result<Flight> {
-    if is_log(path) { Ok(Flown::read(path, None)?.flight) } else { Ok(Flight::load(path)?) }
+    if kind(path).is_some() { Ok(Flown::read(path, None)?.flight) } else { Ok(Flight::load(path)?) }
 }
 
 /// What a recording says of itself; nothing of a log.
 pub fn session(path: &Path) -> anyhow::Result<Session> {
-    if is_log(path) { Ok(Session::new(Mode::Import)) } else { Ok(Recording::open(path)?.session().clone()) }
+    if kind(path).is_some() {
+        Ok(Session::new(Mode::Import))
+    } else {
+        Ok(Recording::open(path)?.session().clone())
+    }
 }
 
 /// The unit of a flight's throttle, where its file says it.

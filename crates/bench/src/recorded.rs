@@ -211,6 +211,14 @@ fn carried(sessions: &[(&Path, Session)], attached: Vec<(&Path, Rig)>) -> anyhow
     let without = sessions.iter().find(|(_, session)| session.rig_toml.is_none());
     let mut attached = attached.into_iter();
     let Some((first, rig)) = attached.next() else {
+        if let Some((path, kind)) = sessions.iter().find_map(|(path, _)| Some((path, logs::kind(path)?))) {
+            bail!(
+                "{} is {}, which carries no rig, so nobody knows what it should have done; name the nominal model with --rig. `bench rig \
+                 from-log` drafts one from nominal logs, `bench import --rig` attaches one",
+                path.display(),
+                kind.name()
+            );
+        }
         bail!(
             "no rig is attached to these recordings, so nobody knows what they should have done; name the nominal model with --rig"
         );

@@ -210,7 +210,7 @@ impl FileKind {
             Self::Xlsx => "save the sheet with the flight as CSV from the spreadsheet",
             Self::Blackbox => "turn it into CSV with `blackbox_decode` (Betaflight blackbox-tools)",
             Self::Sqlite => {
-                "`ros2 bag convert` turns a bag into MCAP, which is read as it is; or write the topics with position and throttle as one CSV file"
+                "`ros2 bag convert` turns a bag into MCAP, which is read as it is; or write the topics with position and throttle as one CSV file, for instance with PlotJuggler"
             }
             Self::Rosbag1 | Self::Mcap => {
                 "write the topics with position and throttle as one CSV file, for instance with PlotJuggler"
@@ -243,7 +243,7 @@ impl FileKind {
             Self::Suite => "`bench test` flies it".to_owned(),
             Self::Zip | Self::Compressed => "unpack it, and name what is in it".to_owned(),
             Self::Toml | Self::Json | Self::Text | Self::Binary => {
-                "name a recording (.mcap); `bench import` makes one of a flight log".to_owned()
+                "name a recording (.mcap); `bench import` makes one of a flight log (ULog, dataflash, MCAP, Parquet, CSV)".to_owned()
             }
             other => match other.to_csv() {
                 Some(how) => format!("{how}, then `bench import --map MAP` makes a recording of that"),
