@@ -21,6 +21,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("--foxglove", "needs a program built with a server for Foxglove; tests/user/foxglove.rs is its viewer"),
     ("sudo bench udev --install", "changes the system; tests/user/packaging.rs installs into another folder"),
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
+    ("--model sim-*.ulg", "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it"),
     ("hil.mcap", "is recorded by the example before, which needs a board"),
 ];
 
@@ -86,6 +87,7 @@ const FIXTURES: &[(&str, &str)] = &[
     ("log-*.mcap", "for s in 1 2; do bench sim --seed $s -o log-$s.mcap; done"),
     ("other-*.mcap", "for s in 4 5; do bench sim --seed $s -o other-$s.mcap; done"),
     ("nominal-*.mcap", "for s in 1 2 3; do bench sim --model vertical --seed $s -o nominal-$s.mcap; done"),
+    ("nominal-*.ulg", "for s in 1 2 3; do cp log.ulg nominal-$s.ulg; done"),
     ("launch-*.mcap", "for s in 1 2 3; do bench sim --model vertical --seed $s -o launch-$s.mcap; done"),
     ("cf-*.mcap", "for s in 1 2 3; do bench sim --rig crazyflie-2 --seed $s -o cf-$s.mcap; done"),
     ("hop-*.mcap", "for s in 1 2; do bench sim --mission hop --seed $s -o hop-$s.mcap; done"),
@@ -200,6 +202,8 @@ fn of_docs() -> Vec<Block> {
         .unwrap()
         .map(|entry| entry.unwrap().path())
         .filter(|path| path.extension().is_some_and(|ending| ending == "md"))
+        // `own_logs` runs it, on logs that it flies.
+        .filter(|path| path.file_name().is_some_and(|name| name != "your-own-logs.md"))
         .collect();
     pages.sort();
     pages.iter().flat_map(|page| of_page(page)).collect()
@@ -218,13 +222,13 @@ fn is_slow(line: &str) -> bool {
 }
 
 /// A shell in a folder that finds `bench`, and stand-ins for a browser, for jq and for man.
-struct Shell<'a> {
+pub struct Shell<'a> {
     folder: &'a Path,
     path: String,
 }
 
 impl<'a> Shell<'a> {
-    fn in_folder(scratch: &'a Scratch, folder: &'a Path) -> Self {
+    pub fn in_folder(scratch: &'a Scratch, folder: &'a Path) -> Self {
         let tools = scratch.path("tools");
         fs::create_dir_all(&tools).unwrap();
         for name in ["xdg-open", "jq", "man"] {
@@ -243,7 +247,7 @@ impl<'a> Shell<'a> {
     }
 
     /// Exit code and what was said.
-    fn run(&self, line: &str) -> (Option<i32>, String) {
+    pub fn run(&self, line: &str) -> (Option<i32>, String) {
         let output = Command::new("bash")
             .args(["-o", "pipefail", "-c", line])
             .current_dir(self.folder)

@@ -1,6 +1,6 @@
 //! Logs of autopilots, as they are: a flight of the virtual airframe written in each format with that format's conventions.
 
-use std::fs;
+use std::{collections::BTreeMap, fs, io::Cursor};
 
 use bench_device::PositionSample;
 use bench_recording::Flight;
@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::support::{Scratch, bench, json, refused, root, stdout};
 
 #[path = "../../crates/logs/tests/logs/writers.rs"]
-mod writers;
+pub mod writers;
 
 use writers::{Dataflash, Ulog, floats};
 
@@ -17,7 +17,7 @@ use writers::{Dataflash, Ulog, floats};
 const BOOT_US: u64 = 100_000_000;
 
 /// The virtual rig with sticks in fractions of their range, as autopilots log them.
-fn rig(scratch: &Scratch) -> String {
+pub fn rig(scratch: &Scratch) -> String {
     let read = |name: &str| fs::read_to_string(root().join("rigs").join(name)).unwrap();
     let mut airframe: toml::Table = read("airframes/hubsan-q4.toml").parse().unwrap();
     airframe["actuation"] = "fraction".into();
@@ -67,7 +67,7 @@ fn seen(flight: &Flight) -> impl Iterator<Item = &PositionSample> {
 }
 
 /// As PX4 logs it: times in us, north-east-down, thrust from 0 to -1.
-fn px4(flight: &Flight) -> Vec<u8> {
+pub fn px4(flight: &Flight) -> Vec<u8> {
     let mut log = Ulog::new();
     log.info("sys_name", "PX4");
     log.parameter("MPC_THR_HOVER", 0.5);
@@ -149,6 +149,210 @@ fn ardupilot(flight: &Flight) -> Vec<u8> {
     log.bytes()
 }
 
+/// Times, ns, and content.
+type Messages = Vec<(u64, Vec<u8>)>;
+
+/// A bag of ROS 2 in MCAP.
+struct Bag {
+    bytes: Vec<u8>,
+    /// Type, topic, and the messages.
+    topics: Vec<(&'static str, String, Messages)>,
+}
+
+/// Definitions of messages as bags carry them, by type.
+const DEFINITIONS: [(&str, &str); 5] = [
+    (
+        "geometry_msgs/msg/PoseStamped",
+        "std_msgs/Header header\ngeometry_msgs/Pose pose\n=====\nMSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    ),
+    (
+        "nav_msgs/msg/Odometry",
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n=====\nMSG: geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance\n=====\nMSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    ),
+    (
+        "mavros_msgs/msg/AttitudeTarget",
+        "std_msgs/Header header\nuint8 type_mask\ngeometry_msgs/Quaternion orientation\ngeometry_msgs/Vector3 body_rate\nfloat32 thrust\n",
+    ),
+    (
+        "px4_msgs/msg/VehicleLocalPosition",
+        "uint64 timestamp\nuint64 timestamp_sample\nbool xy_valid\nfloat32 x\nfloat32 y\nfloat32 z\n",
+    ),
+    ("px4_msgs/msg/VehicleThrustSetpoint", "uint64 timestamp\nuint64 timestamp_sample\nfloat32[3] xyz\n"),
+];
+const SHARED: &str = "=====\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n=====\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n\
+    =====\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n=====\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n";
+
+/// A message in CDR: each number stands at a multiple of its size.
+struct Cdr(Vec<u8>);
+
+impl Cdr {
+    fn new() -> Self {
+        Self(vec![0, 1, 0, 0])
+    }
+
+    fn number(mut self, bytes: &[u8]) -> Self {
+        while !(self.0.len() - 4).is_multiple_of(bytes.len()) {
+            self.0.push(0);
+        }
+        self.0.extend(bytes);
+        self
+    }
+
+    fn text(self, text: &str) -> Self {
+        let mut with_length = self.number(&(text.len() as u32 + 1).to_le_bytes());
+        with_length.0.extend(text.bytes().chain([0]));
+        with_length
+    }
+
+    fn header(self, nanos: u64) -> Self {
+        let (seconds, rest) = ((nanos / 1_000_000_000) as u32, (nanos % 1_000_000_000) as u32);
+        self.number(&seconds.to_le_bytes()).number(&rest.to_le_bytes()).text("map")
+    }
+
+    fn doubles(self, numbers: &[f64]) -> Self {
+        numbers.iter().fold(self, |message, number| message.number(&number.to_le_bytes()))
+    }
+
+    fn singles(self, numbers: &[f64]) -> Self {
+        numbers.iter().fold(self, |message, number| message.number(&(*number as f32).to_le_bytes()))
+    }
+}
+
+impl Bag {
+    fn new() -> Self {
+        Self { bytes: Vec::new(), topics: Vec::new() }
+    }
+
+    fn topic(&mut self, kind: &'static str, name: &str, messages: impl Iterator<Item = (u64, Cdr)>) {
+        let messages = messages.map(|(nanos, message)| (nanos, message.0)).collect();
+        self.topics.push((kind, name.to_owned(), messages));
+    }
+
+    fn bytes(mut self) -> Vec<u8> {
+        let mut writer = mcap::WriteOptions::new()
+            .profile("ros2")
+            .compression(None)
+            .create(Cursor::new(&mut self.bytes))
+            .unwrap();
+        let mut all = Vec::new();
+        for (kind, name, messages) in self.topics {
+            let (_, definition) = DEFINITIONS.iter().find(|(known, _)| *known == kind).unwrap();
+            let schema =
+                writer.add_schema(kind, "ros2msg", format!("{definition}{SHARED}").as_bytes()).unwrap();
+            let channel = writer.add_channel(schema, &name, "cdr", &BTreeMap::new()).unwrap();
+            all.extend(messages.into_iter().map(|(nanos, message)| (nanos, channel, message)));
+        }
+        all.sort_by_key(|(nanos, ..)| *nanos);
+        for (nanos, channel_id, message) in all {
+            let header = mcap::records::MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time: nanos,
+                publish_time: nanos,
+            };
+            writer.write_to_known_channel(&header, &message).unwrap();
+        }
+        writer.finish().unwrap();
+        drop(writer);
+        self.bytes
+    }
+}
+
+/// When a bag began, ns since 1970.
+const BAG_NS: u64 = 1_750_000_000_000_000_000;
+
+fn pose(nanos: u64, [x, y, z]: [f64; 3], heading_rad: f64) -> Cdr {
+    let half = 0.5 * heading_rad;
+    Cdr::new().header(nanos).doubles(&[x, y, z, 0.0, 0.0, half.sin(), half.cos()])
+}
+
+/// As MAVROS publishes it: east-north-up, a pose when it came, thrust from 0 to 1.
+fn mavros(flight: &Flight) -> Vec<u8> {
+    let mut bag = Bag::new();
+    let arrived = |time: bench_device::Time| BAG_NS + time.nanos();
+    let poses = seen(flight).map(|position| {
+        let nanos = arrived(position.arrived_at);
+        (nanos, pose(nanos, position.position_m, position.heading_rad.unwrap_or(0.0)))
+    });
+    bag.topic("geometry_msgs/msg/PoseStamped", "/mavros/local_position/pose", poses);
+    let thrusts = flight.commands.iter().map(|command| {
+        let nanos = arrived(command.time);
+        let before = Cdr::new().header(nanos).number(&[7]).doubles(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        (nanos, before.singles(&[command.sticks.throttle]))
+    });
+    bag.topic("mavros_msgs/msg/AttitudeTarget", "/mavros/setpoint_raw/target_attitude", thrusts);
+    bag.bytes()
+}
+
+#[test]
+fn a_bag_of_ros_2_finds_its_map_and_two_vehicles_in_one_are_told() {
+    let scratch = Scratch::new();
+    let out = scratch.name("bag.mcap");
+    let imported = |name: &str, bag: Bag| {
+        fs::write(scratch.path(name), bag.bytes()).unwrap();
+        bench(["import", &scratch.name(name), "-o", &out, "--force", "--json"])
+    };
+    let at = |k: u64| BAG_NS + k * 20_000_000;
+    // PX4's own messages, whatever their topics are called.
+    let mut bag = Bag::new();
+    let places = (0..100).map(|k| {
+        let stamps = Cdr::new().number(&5_u64.to_le_bytes()).number(&4_u64.to_le_bytes()).number(&[1]);
+        (at(k), stamps.singles(&[1.0, 2.0, -0.01 * k as f64]))
+    });
+    bag.topic("px4_msgs/msg/VehicleLocalPosition", "/fmu/out/vehicle_local_position_v1", places);
+    let thrusts = (0..100).map(|k| {
+        let stamps = Cdr::new().number(&5_u64.to_le_bytes()).number(&4_u64.to_le_bytes());
+        (at(k) + 1000, stamps.singles(&[0.0, 0.0, -0.5]))
+    });
+    bag.topic("px4_msgs/msg/VehicleThrustSetpoint", "/drone/fmu/in/vehicle_thrust_setpoint", thrusts);
+    let report = json(&imported("px4.mcap", bag).assert().success());
+    assert_eq!((&report["map"], &report["skipped"]), (&"ros2-px4".into(), &Value::Array(Vec::new())));
+    let flight = Flight::load(&out).unwrap();
+    let (position, command) = (flight.positions.last().unwrap(), flight.commands.last().unwrap());
+    assert!((position.position_m[2] - 0.99).abs() < 1e-7 && position.position_m[1] == -2.0, "{position:?}");
+    assert_eq!((flight.positions.len(), flight.commands.len(), command.sticks.throttle), (100, 100, 0.5));
+    // Odometry alone, of one vehicle and of two.
+    let odometry = |bag: &mut Bag, name: &str| {
+        let places = (0..50).map(|k| {
+            let message = Cdr::new().header(at(k)).text("base_link");
+            (at(k), message.doubles(&[0.0, 0.5, 0.02 * k as f64, 0.0, 0.0, 0.0, 1.0]).doubles(&[0.1; 36]))
+        });
+        bag.topic("nav_msgs/msg/Odometry", name, places);
+    };
+    let mut bag = Bag::new();
+    odometry(&mut bag, "/uav1/odom");
+    let report = json(&imported("odometry.mcap", bag).assert().success());
+    assert_eq!((&report["map"], &report["topics"]["has_throttle"]), (&"ros2-odometry".into(), &false.into()));
+    let mut bag = Bag::new();
+    odometry(&mut bag, "/uav1/odom");
+    odometry(&mut bag, "/uav2/odom");
+    let words = refused(imported("two.mcap", bag), 2);
+    assert!(words.contains("/uav1/odom, /uav2/odom") && words.contains("Copy the map"), "{words}");
+    // A motion capture without thrust, and a bag of something else.
+    let mut bag = Bag::new();
+    let poses = (0..50).map(|k| (at(k), pose(at(k), [0.0, 0.0, 0.3], 0.5)));
+    bag.topic("geometry_msgs/msg/PoseStamped", "/vicon/quad", poses);
+    assert_eq!(json(&imported("pose.mcap", bag).assert().success())["map"], "ros2-pose");
+    let words = refused(imported("empty.mcap", Bag::new()), 2);
+    assert!(words.contains("no altitude"), "{words}");
+    // What the bench recorded itself needs no import.
+    let words = refused(bench(["import", &out, "-o", &scratch.name("again.mcap")]), 2);
+    assert!(words.contains("needs no import"), "{words}");
+}
+
+#[test]
+fn a_file_that_is_no_log_is_answered_with_what_is_read() {
+    let scratch = Scratch::new();
+    fs::write(scratch.path("garbage.bin"), [0xff, 0xfe, 0, 1, 2, 3]).unwrap();
+    for more in [&[][..], &["--map", "crazypad"]] {
+        let fixed = ["import", &scratch.name("garbage.bin"), "-o", &scratch.name("out.mcap")];
+        let words = refused(bench(fixed.iter().chain(more)), 2);
+        for format in ["PX4 (ULog)", "ArduPilot (dataflash)", "bags of ROS 2", "Parquet", "(CSV)"] {
+            assert!(words.contains(format), "{format}: {words}");
+        }
+    }
+}
+
 const MISSIONS: [&str; 3] = ["hop", "climb-040", "low-hover"];
 
 fn diagnosed(recordings: &[String], rig: &str) -> Value {
@@ -204,6 +408,14 @@ fn the_same_flights_by_each_format_have_the_same_diagnosis() {
     let formats = [
         ("ulog", imported("ulog", &|recording| written(recording, "ulg", &px4))),
         ("dataflash", imported("dataflash", &|recording| written(recording, "bin", &ardupilot))),
+        (
+            "ros2",
+            imported("ros2", &|recording| {
+                let file = recording.replace(".mcap", "-bag.mcap");
+                fs::write(&file, mavros(&Flight::load(recording).unwrap())).unwrap();
+                (file, Vec::new())
+            }),
+        ),
         (
             "mcap",
             imported("mcap", &|recording| (recording.to_owned(), vec!["--map".to_owned(), map.clone()])),

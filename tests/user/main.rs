@@ -17,6 +17,7 @@ mod import;
 mod live;
 mod logs;
 mod model;
+mod own_logs;
 mod packaging;
 mod progress;
 mod record;

@@ -25,7 +25,17 @@ pub enum Kind {
 }
 
 /// The maps for logs of topics, in the order in which they are tried: those that take less for granted first.
-pub const LOG_MAPS: [&str; 5] = ["px4-vision", "px4", "px4-old", "ardupilot-vision", "ardupilot"];
+pub const LOG_MAPS: [&str; 9] = [
+    "px4-vision",
+    "px4",
+    "px4-old",
+    "ardupilot-vision",
+    "ardupilot",
+    "ros2-px4",
+    "ros2-mavros",
+    "ros2-odometry",
+    "ros2-pose",
+];
 
 impl Kind {
     /// All kinds, in the order in which they are listed.

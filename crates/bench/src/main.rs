@@ -18,6 +18,7 @@ mod flight;
 mod foxglove;
 mod library;
 mod live;
+mod logs;
 mod model_page;
 mod progress;
 mod recorded;
@@ -62,6 +63,7 @@ enum Command {
     Hil(commands::hil::Arguments),
     Devices(commands::devices::Arguments),
     Emulate(commands::emulate::Arguments),
+    #[command(visible_alias = "rig")]
     Rigs(commands::rigs::Arguments),
     Effects(commands::effects::Arguments),
     Info(commands::info::Arguments),

@@ -9,14 +9,14 @@ use std::{
 use anyhow::{Context, bail};
 use bench_device::PositionSample;
 use bench_plant::effects::resolve_all;
-use bench_recording::{Flight, Mode, Recording, Session};
+use bench_recording::{Flight, Mode, Session};
 use bench_rig::{
     Actuation, Mission, Rig,
     visit::{self, Node, Value},
 };
 use clap::Args;
 
-use crate::files;
+use crate::{files, logs};
 
 /// The rig of commands that hold recordings against a model.
 #[derive(Args)]
@@ -57,7 +57,7 @@ impl<T> Recorded<T> {
         let mut known: Vec<(&Path, Vec<PositionSample>, T)> = Vec::new();
         let mut remarks = Vec::new();
         for path in paths {
-            let flight = Flight::load(path)?;
+            let flight = logs::flight(path)?;
             let seen = flight.positions.clone();
             let Some((before, seen_before, made)) =
                 known.iter_mut().find(|(_, before, _)| is_same_flight(before, &seen))
@@ -119,7 +119,7 @@ impl NominalRig {
     pub fn resolve(&self, paths: &[PathBuf]) -> anyhow::Result<Nominal> {
         let sessions = paths
             .iter()
-            .map(|path| Ok((path.as_path(), Recording::open(path)?.session().clone())))
+            .map(|path| Ok((path.as_path(), logs::session(path)?)))
             .collect::<anyhow::Result<Vec<(&Path, Session)>>>()?;
         let attached = attached(&sessions)?;
         let nominal = match &self.rig {
@@ -211,6 +211,14 @@ fn carried(sessions: &[(&Path, Session)], attached: Vec<(&Path, Rig)>) -> anyhow
     let without = sessions.iter().find(|(_, session)| session.rig_toml.is_none());
     let mut attached = attached.into_iter();
     let Some((first, rig)) = attached.next() else {
+        if let Some((path, kind)) = sessions.iter().find_map(|(path, _)| Some((path, logs::kind(path)?))) {
+            bail!(
+                "{} is {}, which carries no rig, so nobody knows what it should have done; name the nominal model with --rig. `bench rig \
+                 from-log` drafts one from nominal logs, `bench import --rig` attaches one",
+                path.display(),
+                kind.name()
+            );
+        }
         bail!(
             "no rig is attached to these recordings, so nobody knows what they should have done; name the nominal model with --rig"
         );

@@ -459,6 +459,11 @@ fn latency_when_recorded_s(flight: &Flight) -> Option<f64> {
     if let Some(text) = flight.session.extra.get("import.latency_s") {
         return text.parse().ok().filter(|x: &f64| x.is_finite());
     }
+    // A log that tells when each position was exposed has its own latency, whatever rig is attached.
+    if flight.session.extra.contains_key("import.exposed_at") {
+        let ages = flight.positions.iter().map(|position| position.arrived_at.since_s(position.exposed_at));
+        return median_high(ages.collect());
+    }
     let rig = Rig::read(std::path::Path::new("recording"), flight.rig_toml()?).ok()?;
     Some(rig.tracker.latency_s.value)
 }
@@ -480,4 +485,28 @@ fn end_of(flight: &Flight) -> f64 {
     let last_position = flight.positions.last().map_or(Time::ZERO, |position| position.arrived_at);
     let last_command = flight.commands.last().map_or(Time::ZERO, |command| command.time);
     last_position.max(last_command).seconds()
+}
+
+#[cfg(test)]
+mod tests {
+    use bench_recording::{Mode, Session};
+
+    use super::*;
+
+    #[test]
+    fn exposures_that_a_log_tells_have_the_logs_latency() {
+        let seen = |k: u32| PositionSample {
+            exposed_at: Time::from_seconds(f64::from(k) * 0.02),
+            arrived_at: Time::from_seconds(f64::from(k) * 0.02 + 0.03),
+            status: TrackStatus::Found,
+            ..PositionSample::default()
+        };
+        let mut session = Session::new(Mode::Import);
+        let records = || (0..5).map(|k| seen(k).into());
+        let believed =
+            |session: &Session| latency_when_recorded_s(&Flight::from_records(session.clone(), records()));
+        assert_eq!(believed(&session), None);
+        session.extra.insert("import.exposed_at".to_owned(), "told".to_owned());
+        assert!((believed(&session).unwrap() - 0.03).abs() < 1e-9);
+    }
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! balance readings (CSV)           -> Readings -> identify_thrust        -> the rig with gain, offset, throttle that hovers
 //!                                              -> identify_ground_effect -> the rig with the ground effect
+//! flights, and no rig              -> Draft                  -> a rig with wide tolerances, each guess marked
 //! nominal flights + a rig as prior -> identify_flights -> the rig with values and tolerances that cover the flights
 //! open-loop flights + a rig        -> verify           -> how well the rig's model predicts them
 //! ```
@@ -10,6 +11,7 @@
 //! Flights are fitted by the filter of the diagnosis, so that a rig identified here is what the diagnosis holds flights
 //! against. `docs/identify.md` has the equations.
 
+mod draft;
 mod error;
 mod flight;
 mod ground;
@@ -21,6 +23,7 @@ mod statistics;
 mod thrust;
 mod verify;
 
+pub use draft::{Draft, DraftError, Known, Note, Source};
 pub use error::{Contradiction, IdentifyError};
 pub use flight::{FlightIdentification, IdentifiedNumber, identify_flights};
 pub use ground::{

@@ -88,28 +88,35 @@ impl Scalar {
     }
 
     /// The number at the beginning of `bytes`; absent where there are too few.
+    #[inline]
     pub fn read(self, bytes: &[u8], big_endian: bool) -> Cell<'static> {
-        let size = self.size();
-        let Some(bytes) = bytes.get(..size) else { return Cell::Absent };
-        let mut raw = [0; 8];
-        if big_endian {
-            for (to, from) in raw.iter_mut().zip(bytes.iter().rev()) {
-                *to = *from;
+        /// Of a length that is known when this is compiled: a log has millions of them.
+        #[inline]
+        fn first<const N: usize>(bytes: &[u8], big_endian: bool) -> Option<[u8; N]> {
+            let mut first: [u8; N] = *bytes.first_chunk()?;
+            if big_endian {
+                first.reverse();
             }
-        } else {
-            raw[..size].copy_from_slice(bytes);
+            Some(first)
         }
-        let bits = u64::from_le_bytes(raw);
-        match self {
-            Self::I8 => Cell::Integer((bits as u8).cast_signed().into()),
-            Self::I16 => Cell::Integer((bits as u16).cast_signed().into()),
-            Self::I32 => Cell::Integer((bits as u32).cast_signed().into()),
-            Self::I64 => Cell::Integer(bits.cast_signed().into()),
-            Self::U8 | Self::U16 | Self::U32 | Self::U64 | Self::Bool => Cell::Integer(bits.into()),
-            Self::F16 => Cell::Number(half(bits as u16)),
-            Self::F32 => Cell::Number(f32::from_bits(bits as u32).into()),
-            Self::F64 => Cell::Number(f64::from_bits(bits)),
-        }
+        let first_1 = || first::<1>(bytes, big_endian);
+        let first_2 = || first::<2>(bytes, big_endian);
+        let first_4 = || first::<4>(bytes, big_endian);
+        let first_8 = || first::<8>(bytes, big_endian);
+        let cell = match self {
+            Self::I8 => first_1().map(|raw| Cell::Integer(i8::from_le_bytes(raw).into())),
+            Self::U8 | Self::Bool => first_1().map(|raw| Cell::Integer(u8::from_le_bytes(raw).into())),
+            Self::I16 => first_2().map(|raw| Cell::Integer(i16::from_le_bytes(raw).into())),
+            Self::U16 => first_2().map(|raw| Cell::Integer(u16::from_le_bytes(raw).into())),
+            Self::F16 => first_2().map(|raw| Cell::Number(half(u16::from_le_bytes(raw)))),
+            Self::I32 => first_4().map(|raw| Cell::Integer(i32::from_le_bytes(raw).into())),
+            Self::U32 => first_4().map(|raw| Cell::Integer(u32::from_le_bytes(raw).into())),
+            Self::F32 => first_4().map(|raw| Cell::Number(f32::from_le_bytes(raw).into())),
+            Self::I64 => first_8().map(|raw| Cell::Integer(i64::from_le_bytes(raw).into())),
+            Self::U64 => first_8().map(|raw| Cell::Integer(u64::from_le_bytes(raw).into())),
+            Self::F64 => first_8().map(|raw| Cell::Number(f64::from_le_bytes(raw))),
+        };
+        cell.unwrap_or_default()
     }
 }
 

@@ -35,7 +35,7 @@ struct Subscription {
     /// Where the stamp stands in a message.
     stamp: Option<usize>,
     /// Place and type of each wanted field; `None` where the topic is not wanted.
-    wanted: Option<Vec<(usize, FlattenedFieldType)>>,
+    wanted: Option<Vec<(usize, Scalar)>>,
     samples: u64,
 }
 
@@ -155,7 +155,8 @@ impl State<'_> {
             let topic = topic(message.flattened_format, message.multi_id.value());
             let fields = &message.flattened_format.fields;
             let wanted = self.visitor.topic(&topic).map(|wanted| {
-                let of = |place: usize| (usize::from(fields[place].offset), fields[place].field_type.clone());
+                let of =
+                    |place: usize| (usize::from(fields[place].offset), scalar(&fields[place].field_type));
                 wanted.into_iter().map(of).collect()
             });
             let stamp = message.flattened_format.timestamp_field.as_ref();
@@ -172,7 +173,9 @@ impl State<'_> {
         let Some(wanted) = &subscription.wanted else { return };
         self.cells.clear();
         self.cells.extend(
-            wanted.iter().map(|(offset, kind)| cell(kind, message.data.get(*offset..).unwrap_or_default())),
+            wanted
+                .iter()
+                .map(|(offset, kind)| kind.read(message.data.get(*offset..).unwrap_or_default(), false)),
         );
         let micros = subscription.stamp.and_then(|offset| {
             match Scalar::U64.read(message.data.get(offset..)?, false) {
@@ -200,8 +203,8 @@ fn topic(format: &FlattenedFormat, instance: u8) -> Topic {
     Topic { name, kind: format.message_name.clone(), fields }
 }
 
-fn cell(kind: &FlattenedFieldType, bytes: &[u8]) -> Cell<'static> {
-    let scalar = match kind {
+fn scalar(kind: &FlattenedFieldType) -> Scalar {
+    match kind {
         FlattenedFieldType::Int8 => Scalar::I8,
         FlattenedFieldType::UInt8 | FlattenedFieldType::Char => Scalar::U8,
         FlattenedFieldType::Int16 => Scalar::I16,
@@ -213,8 +216,7 @@ fn cell(kind: &FlattenedFieldType, bytes: &[u8]) -> Cell<'static> {
         FlattenedFieldType::Float => Scalar::F32,
         FlattenedFieldType::Double => Scalar::F64,
         FlattenedFieldType::Bool => Scalar::Bool,
-    };
-    scalar.read(bytes, false)
+    }
 }
 
 fn length(ahead: &[u8]) -> Option<usize> {

@@ -68,6 +68,9 @@ pub enum FileKind {
     Binary,
 }
 
+/// The logs that `bench import` reads.
+const READ: &str = "of PX4 (ULog), of ArduPilot (dataflash), MCAP (bags of ROS 2, protobuf, JSON), Parquet, or a table (CSV) whose first line names the columns";
+
 /// Enough of a file to tell what it is.
 const LOOKED_AT: u64 = 64 << 10;
 
@@ -206,7 +209,10 @@ impl FileKind {
         Some(match self {
             Self::Xlsx => "save the sheet with the flight as CSV from the spreadsheet",
             Self::Blackbox => "turn it into CSV with `blackbox_decode` (Betaflight blackbox-tools)",
-            Self::Rosbag1 | Self::Sqlite | Self::Mcap => {
+            Self::Sqlite => {
+                "`ros2 bag convert` turns a bag into MCAP, which is read as it is; or write the topics with position and throttle as one CSV file, for instance with PlotJuggler"
+            }
+            Self::Rosbag1 | Self::Mcap => {
                 "write the topics with position and throttle as one CSV file, for instance with PlotJuggler"
             }
             _ => return None,
@@ -237,7 +243,7 @@ impl FileKind {
             Self::Suite => "`bench test` flies it".to_owned(),
             Self::Zip | Self::Compressed => "unpack it, and name what is in it".to_owned(),
             Self::Toml | Self::Json | Self::Text | Self::Binary => {
-                "name a recording (.mcap); `bench import` makes one of a CSV flight log".to_owned()
+                "name a recording (.mcap); `bench import` makes one of a flight log (ULog, dataflash, MCAP, Parquet, CSV)".to_owned()
             }
             other => match other.to_csv() {
                 Some(how) => format!("{how}, then `bench import --map MAP` makes a recording of that"),
@@ -246,7 +252,7 @@ impl FileKind {
         }
     }
 
-    /// What to do with it where a CSV flight log is wanted; `None` for what may be one.
+    /// What to do with it where a table of a flight is wanted; `None` for what may be one.
     pub fn instead_of_log(&self) -> Option<String> {
         Some(match self {
             Self::OwnTable(_) | Self::Csv | Self::Text | Self::Parquet => return None,
@@ -255,7 +261,7 @@ impl FileKind {
             }
             Self::Empty => "expected a CSV file whose first line names the columns".to_owned(),
             Self::Mcap => {
-                "if this bench recorded it, it needs no import: name it where a recording is wanted; otherwise write the topics with position and throttle as one CSV file, for instance with PlotJuggler, and import that".to_owned()
+                "if this bench recorded it, it needs no import: name it where a recording is wanted; otherwise leave out --map, or name a map with log = \"mcap\"".to_owned()
             }
             Self::Folder { .. } => "name one log in it".to_owned(),
             Self::ImportMap => "name it with --map, and the log without".to_owned(),
@@ -263,7 +269,7 @@ impl FileKind {
             Self::Zip | Self::Compressed => "unpack it, and name the CSV file in it".to_owned(),
             other => match other.to_csv() {
                 Some(how) => format!("{how}, and import that"),
-                None => "a CSV flight log is wanted, whose first line names the columns".to_owned(),
+                None => format!("a flight log is wanted: {READ}"),
             },
         })
     }

@@ -6,7 +6,7 @@ use std::{
 use anyhow::{Context, bail};
 use bench_diagnosis::{Ahead, Analysis, Diagnosis, NextFlight};
 use bench_filter::Track;
-use bench_identification::plausible_altitude;
+use bench_identification::{identify_flights, plausible_altitude};
 use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
@@ -16,7 +16,7 @@ use clap::Args;
 use crate::{
     arguments::{Force, Json, Page},
     calibration::{self, Chosen, Missions, Wanted},
-    commands::tracks::Selection,
+    commands::{rigs::from_log, tracks::Selection},
     diagnosis::{
         page::page,
         report::{Conclusion, Report},
@@ -24,8 +24,9 @@ use crate::{
     },
     exit::Exit,
     files::{self, Form, Outputs},
+    logs::{self, Flown},
     progress::Progress,
-    recorded::NominalRig,
+    recorded::{Nominal, NominalRig},
     words::{self, short},
 };
 
@@ -37,6 +38,7 @@ use crate::{
   bench diagnose flight-*.mcap --json
   bench diagnose --rig virtual flight-*.mcap --write-rig better.toml
   bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
+  bench diagnose real-*.ulg --model sim-*.ulg
   bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
   bench diagnose flight-*.mcap --fail-on-gap --min-confidence 0.8 || echo look at it
   bench diagnose flight-*.mcap --calibrate --write-calibration my-quad.json
@@ -61,6 +63,10 @@ pub struct Arguments {
     selection: Selection,
     #[command(flatten)]
     rig: NominalRig,
+    /// Take for the model what these flights do, such as those of your simulator: a rig is drafted from them and identified, and the
+    /// others are held against it. Three at least; logs or recordings. Name it after the flights, or write -- between
+    #[arg(long, value_name = "FLIGHT", num_args = 1.., conflicts_with = "rig")]
+    model: Vec<PathBuf>,
     /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and three times as many
     /// with effects of the library, and keep what they teach in the cache
     #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100", conflicts_with = "calibration")]
@@ -114,8 +120,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.write_calibration.as_deref(), Form::Any)
         .from(arguments.selection.flights.iter().map(PathBuf::as_path))
         .check()?;
-    let Prepared { rig, from, tracks, flown, mut warnings } =
-        Prepared::read(&arguments.selection, &arguments.rig)?;
+    let prepared = if arguments.model.is_empty() {
+        Prepared::read(&arguments.selection, &arguments.rig)?
+    } else {
+        Prepared::against(&arguments.selection, model(&arguments.selection, &arguments.model)?)?
+    };
+    let Prepared { rig, from, tracks, flown, mut warnings } = prepared;
     let chosen = match arguments.calibrate {
         Some(sets) => calibration::learnt(&rig, &flown, sets)?,
         None => calibration::choose(&arguments.calibration, &rig, &flown)?,
@@ -188,11 +198,23 @@ struct Prepared {
 
 impl Prepared {
     fn read(selection: &Selection, rig: &NominalRig) -> anyhow::Result<Self> {
-        let nominal = rig.resolve(&selection.flights)?;
+        Self::against(selection, rig.resolve(&selection.flights)?)
+    }
+
+    fn against(selection: &Selection, nominal: Nominal) -> anyhow::Result<Self> {
         let rig = nominal.rig;
         let mut flown = Missions::default();
-        let mut unread = Vec::new();
+        let (mut unread, mut of_another_unit) = (Vec::new(), Vec::new());
         let (tracks, unused) = selection.tracks(&rig, |path, flight| {
+            if let Some(actuation) = logs::actuation(flight).filter(|unit| *unit != rig.airframe.actuation) {
+                of_another_unit.push(format!(
+                    "{} has its throttle in {}, and {} in {}: it cannot be a model of that flight",
+                    path.display(),
+                    actuation.unit(),
+                    nominal.from,
+                    rig.airframe.actuation.unit()
+                ));
+            }
             match flight.mission_toml().map(|text| Mission::read(path, text)) {
                 Some(Ok(mission)) => flown.0.push(mission),
                 // The flights can be diagnosed all the same.
@@ -202,6 +224,9 @@ impl Prepared {
                 None => {}
             }
         })?;
+        if !of_another_unit.is_empty() {
+            bail!("{}", of_another_unit.join("\n"));
+        }
         if tracks.is_empty() {
             bail!("none of the flights can be diagnosed:\n{}", unused.join("\n"));
         }
@@ -212,6 +237,32 @@ impl Prepared {
         warnings.extend(unused_motion(&tracks, &rig));
         Ok(Self { rig, from: nominal.from, tracks, flown, warnings })
     }
+}
+
+/// The rig that flights tell of which nothing else is known.
+fn model(selection: &Selection, flights: &[PathBuf]) -> anyhow::Result<Nominal> {
+    let flown = flights.iter().map(|path| Flown::read(path, None)).collect::<anyhow::Result<Vec<Flown>>>()?;
+    let draft =
+        from_log::drafted(flown, Path::new("model"), None).context("no model of the flights of --model")?.rig;
+    let (tracks, mut remarks) = selection.of(flights).tracks(&draft, |_, _| ())?;
+    let progress = Progress::of("diagnose");
+    let count = words::count(tracks.len() as u64, "flight");
+    progress.begin_untold(&format!("identifying the model from {count}"));
+    let found = identify_flights(&tracks, &draft);
+    drop(progress);
+    let found = found.with_context(|| match remarks.as_slice() {
+        [] => "no model of the flights of --model".to_owned(),
+        remarks => format!("no model of the flights of --model; not used:\n{}", remarks.join("\n")),
+    })?;
+    let left: Vec<&str> =
+        found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
+    if !left.is_empty() {
+        remarks.push(format!(
+            "the flights of --model do not tell, and the model has as drafted: {}",
+            left.join(", ")
+        ));
+    }
+    Ok(Nominal { rig: found.rig, from: format!("the model of the {count} of --model"), remarks })
 }
 
 /// Recordings diagnosed with the built-in calibration, and the rig that they were held against.

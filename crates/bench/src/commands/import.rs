@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use bench_recording::{
     FileKind,
-    import::{ImportMap, choose, import},
+    import::{ImportMap, choose, guess, import},
 };
 use bench_rig::Actuation;
 use clap::Args;
@@ -12,10 +12,10 @@ use crate::{
     arguments::{Force, Json},
     exit::Exit,
     files::{self, Form, Outputs},
-    library, words,
+    library, logs, progress, words,
 };
 
-/// Turn a flight log into a recording: PX4 and ArduPilot logs as they are, tables by a mapping file
+/// Turn a flight log into a recording: logs of PX4, ArduPilot and ROS 2 as they are, tables by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench import log.ulg -o px4.mcap
@@ -23,23 +23,27 @@ use crate::{
   bench import --map crazypad log.csv -o log.mcap
   bench import --map my-map.toml --rig my-quad.toml log.csv -o mine.mcap --json
   bench import flight.csv --rig virtual -o again.mcap
+  bench import --guess flight.csv -o guessed.toml
 
-For logs of PX4 (ULog) and ArduPilot (dataflash) a built-in map is chosen by what is in them;
---map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
+For logs of PX4 (ULog), ArduPilot (dataflash) and ROS 2 (MCAP) a built-in map is chosen by what is
+in them; --map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
 write a map. Rows with something wrong in them are counted and told, never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
     /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them). Not needed for
-    /// a log of PX4 or ArduPilot, or a table that `bench export` wrote
+    /// a log of PX4, ArduPilot or ROS 2, or a table that `bench export` wrote
     #[arg(long, value_name = "MAP")]
     map: Option<PathBuf>,
     /// Rig to attach, instead of the map's own: a file, or the name of a built-in one
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
-    /// Recording to write
-    #[arg(short, long)]
-    output: PathBuf,
+    /// Recording to write; with --guess the map to write, which is printed without
+    #[arg(short, long, required_unless_present = "guess")]
+    output: Option<PathBuf>,
+    /// Import nothing, but propose a map for a CSV file by names, units and ranges; each line of it says that it is a guess
+    #[arg(long, conflicts_with_all = ["map", "rig", "explain", "json"])]
+    guess: bool,
     /// Say what of a log of topics was used, what the map looked for in vain, and what was left
     #[arg(long)]
     explain: bool,
@@ -50,8 +54,12 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    if arguments.guess {
+        return propose(arguments);
+    }
+    let output = arguments.output.as_deref().context("name the recording to write with -o")?;
     Outputs::new(arguments.force.force)
-        .and(arguments.output.as_path(), Form::Recording)
+        .and(output, Form::Recording)
         .from(std::iter::once(arguments.log.as_path()).chain(arguments.map.as_deref()))
         .check()?;
     let map = match &arguments.map {
@@ -59,8 +67,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         None => map_of(&arguments.log, arguments.rig.is_some())?,
     };
     let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
-    files::make_folder(&arguments.output)?;
-    let report = import(&map, &arguments.log, &arguments.output, rig.as_ref())?;
+    files::make_folder(output)?;
+    let report = import(&map, &arguments.log, output, rig.as_ref())?;
     if arguments.json.json {
         words::print_json(&report)?;
     } else {
@@ -78,8 +86,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     Ok(Exit::Done)
 }
 
+/// Proposes a map, and says what could not be guessed.
+fn propose(arguments: &Arguments) -> anyhow::Result<Exit> {
+    Outputs::new(arguments.force.force)
+        .and(arguments.output.as_deref(), Form::Toml)
+        .from([arguments.log.as_path()])
+        .check()?;
+    let guessed = guess(&arguments.log)?;
+    match &arguments.output {
+        Some(output) => files::write_and_say(output, &guessed.text)?,
+        None => words::print(&guessed.text)?,
+    }
+    for unknown in &guessed.unknown {
+        progress::note(&format!("not guessed: {unknown}"));
+    }
+    Ok(Exit::Done)
+}
+
 /// The map of a table that `bench export` wrote, or of an autopilot's log. Of other logs nobody knows it.
-fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
+pub fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
     let shown = log.display();
     let kind = FileKind::of(log).with_context(|| format!("cannot read {shown}"))?;
     if let Some(map) = map_of_topics(log, &kind)? {
@@ -93,9 +118,9 @@ fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
             "{shown} was exported from a recording without a rig, so its heading does not tell the unit of the sticks; name the map with --map"
         ),
         kind => match kind.instead_of_log() {
-            Some(advice) => bail!("{shown} is {}, not a CSV flight log: {advice}", kind.name()),
+            Some(advice) => bail!("{shown} is {}, which `bench import` does not read: {advice}", kind.name()),
             None => bail!(
-                "{shown}: say with --map which column is what; docs/import.md tells how a map is written, `bench rigs` lists those built in"
+                "{shown}: say with --map which column is what; `bench import --guess {shown}` proposes a map, docs/import.md tells how one is written, `bench rigs` lists those built in"
             ),
         },
     };
@@ -109,7 +134,10 @@ fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
 
 /// The built-in map that suits what is in a log of topics.
 fn map_of_topics(log: &Path, kind: &FileKind) -> anyhow::Result<Option<ImportMap>> {
-    let Some(format) = kind.log_format().filter(|_| *kind != FileKind::Mcap) else { return Ok(None) };
+    let Some(format) = kind.log_format() else { return Ok(None) };
+    if *kind == FileKind::Mcap && logs::is_own(log) {
+        return Ok(None);
+    }
     let maps = library::LOG_MAPS.map(|name| files::import_map(Path::new(name)));
     let mut maps = maps.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     let chosen = choose(&maps, format, log)?;

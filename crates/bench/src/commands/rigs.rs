@@ -1,3 +1,5 @@
+pub mod from_log;
+
 use std::{
     fmt::Write as _,
     path::{Path, PathBuf},
@@ -17,7 +19,7 @@ use crate::{
     progress, words,
 };
 
-/// List the rigs, missions, maps and suites that are built in, or copy one to start from
+/// List the rigs, missions, maps and suites that are built in, copy one to start from, or draft a rig from logs
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -25,6 +27,7 @@ use crate::{
   bench rigs
   bench rigs copy virtual            virtual.toml here, and airframes/hubsan-q4.toml beside it
   bench rigs copy missions/hop -o my-hop.toml
+  bench rig from-log log.ulg -o my-draft.toml
 
 A name stands for the built-in file wherever a command takes a rig, mission, map or suite. A file of that
 path wins over the name. Names of a kind other than rigs have the kind's folder before them here."
@@ -39,6 +42,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Copy(CopyArguments),
+    FromLog(from_log::Arguments),
 }
 
 /// Write a built-in file to start one of your own from, with the files that it names
@@ -59,6 +63,7 @@ struct CopyArguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     match &arguments.command {
         Some(Command::Copy(arguments)) => copy(arguments),
+        Some(Command::FromLog(arguments)) => from_log::run(arguments),
         None => list(arguments.json.json),
     }
 }

@@ -12,7 +12,7 @@ use crate::recorded::Recorded;
 /// Which flights, and what of them.
 #[derive(Args)]
 pub struct Selection {
-    /// Recordings of flights
+    /// Recordings of flights, or logs of PX4 or ArduPilot
     #[arg(required = true)]
     pub flights: Vec<PathBuf>,
     /// Use only what was flown above this altitude, m: for flights whose take-off and landing are no vertical ones
@@ -45,6 +45,11 @@ impl Selection {
     /// These flights, all of them and all of each.
     pub fn whole(flights: Vec<PathBuf>) -> Self {
         Self { flights, above: None, without: Vec::new() }
+    }
+
+    /// Other flights, of which the same is used.
+    pub fn of(&self, flights: &[PathBuf]) -> Self {
+        Self { flights: flights.to_vec(), above: self.above, without: self.without.clone() }
     }
 
     /// What was asked for beside the flights, as on the command line.

@@ -48,6 +48,7 @@ pub const OUTPUTS: &[Output] = outputs! {
     "record-frames" "1",
     "recover" "1",
     "sim" "1",
+    "rig-draft" "1",
     "rigs" "1",
     "runs" "1",
     "test" "1",

@@ -10,6 +10,7 @@ use proptest::prelude::*;
 mod dataflash;
 mod mcap;
 mod parquet;
+mod python;
 mod ulog;
 
 /// One sample, in words and numbers.

@@ -22,8 +22,8 @@ pub enum ImportError {
         /// Why.
         source: io::Error,
     },
-    /// The log is no CSV file.
-    #[error("{} is {}, not a CSV flight log: {advice}", path.display(), kind.name())]
+    /// The log is no table.
+    #[error("{} is {}, not a table of a flight: {advice}", path.display(), kind.name())]
     NotCsv {
         /// The log.
         path: PathBuf,
@@ -47,6 +47,22 @@ pub enum ImportError {
         /// What the map is for, in words.
         expected: &'static str,
     },
+    /// Several topics of a log have what the map calls by their type.
+    #[error(
+        "{}: map {map} takes {column} from the one topic of its type, and there are several: {}. Copy the map (`bench rigs copy import/{map}`) and \
+         name in it the topic of the vehicle that is wanted",
+        path.display(), topics.join(", ")
+    )]
+    SeveralTopics {
+        /// The log.
+        path: PathBuf,
+        /// The map's name.
+        map: String,
+        /// The column.
+        column: String,
+        /// The topics that have it.
+        topics: Vec<String>,
+    },
     /// A log of topics has no altitude that a map finds.
     #[error(
         "{} has no altitude that {} looks for: of {} there is none. {}. Without an altitude there is no flight; a map of your own may \
@@ -63,6 +79,19 @@ pub enum ImportError {
         missing: Vec<String>,
         /// What the log has.
         topics: Vec<String>,
+    },
+    /// A table whose columns tell no flight.
+    #[error(
+        "no map can be guessed for {}: {}. Its columns are {}. docs/import.md tells how a map is written",
+        path.display(), missing.join("; "), columns.join(", ")
+    )]
+    NotGuessed {
+        /// The log.
+        path: PathBuf,
+        /// What was not found, in words.
+        missing: Vec<String>,
+        /// The columns that the log has.
+        columns: Vec<String>,
     },
     /// The log has no header.
     #[error("{} is empty; expected a CSV file whose first line names the columns", path.display())]

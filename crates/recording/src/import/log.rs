@@ -127,7 +127,7 @@ pub(super) fn find_columns(
     }
 }
 
-fn read_error(path: &Path, error: csv::Error) -> ImportError {
+pub(super) fn read_error(path: &Path, error: csv::Error) -> ImportError {
     ImportError::Read { path: path.to_owned(), source: error.into() }
 }
 

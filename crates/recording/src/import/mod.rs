@@ -6,6 +6,7 @@
 
 mod convert;
 mod error;
+mod guess;
 mod keys;
 mod log;
 mod map;
@@ -31,6 +32,7 @@ use self::{
 };
 pub use self::{
     error::{ColumnProblem, ImportError},
+    guess::{GuessedMap, guess},
     map::ImportMap,
     report::{ImportReport, LossReport, QuantityRange, SkipReason, Skipped, TopicsReport},
 };
@@ -113,6 +115,10 @@ fn fit(map: &ImportMap, format: Format, log: &Path) -> Result<(ImportMap, Topics
         });
     }
     let used = map.used_names();
+    if let Some((column, topics)) = topics::several(&survey, &used) {
+        let (path, column) = (log.to_owned(), column.to_owned());
+        return Err(ImportError::SeveralTopics { path, map: map.name, column, topics });
+    }
     let topics = TopicsReport::new(format, &survey, used, missing, map.has_sticks());
     Ok((map, topics))
 }

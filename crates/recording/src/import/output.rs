@@ -68,6 +68,10 @@ fn session(log: &Path, map: &ImportMap, rig: Option<&Rig>, origin_ns: i128) -> S
     if let (Setting::Given(latency_s), None) = (&map.latency, &map.exposed) {
         session.extra.insert("import.latency_s".to_owned(), latency_s.to_string());
     }
+    // Samples of a log of topics arrive when they are stamped: their age is in the log, whatever a rig says.
+    if map.log.is_some() && map.exposed.is_some() {
+        session.extra.insert("import.exposed_at".to_owned(), "told".to_owned());
+    }
     if map.has_sticks() {
         session.extra.insert("import.actuation".to_owned(), map.actuation.unit().to_owned());
     }

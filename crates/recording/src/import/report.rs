@@ -6,8 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use bench_logs::{Format, Losses, Survey};
+use bench_logs::{Format, Losses, Survey, Topic};
 use serde::Serialize;
+
+use super::topics;
 
 /// Name and version of the report's form as JSON.
 const SCHEMA: &str = "bench.import/1";
@@ -192,10 +194,8 @@ impl TopicsReport {
         missing: Vec<String>,
         has_throttle: bool,
     ) -> Self {
-        let is_used = |name: &str| {
-            used.iter().any(|column| column.strip_prefix(name).is_some_and(|rest| rest.starts_with('.')))
-        };
-        let topics = survey.topics.iter().filter(|found| !is_used(&found.topic.name));
+        let is_used = |topic: &Topic| used.iter().any(|column| topics::brings(topic, column));
+        let topics = survey.topics.iter().filter(|found| !is_used(&found.topic));
         let unused = topics
             .map(|found| UnusedTopic { topic: found.topic.name.clone(), samples: found.samples })
             .collect();

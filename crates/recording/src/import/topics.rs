@@ -106,9 +106,15 @@ enum Way {
     Angle(Angle, [usize; 4]),
 }
 
+/// The names by which a map may call a topic: its own, and its type, such as `nav_msgs/msg/Odometry`.
+fn called(topic: &Topic) -> impl Iterator<Item = &str> {
+    let kind = Some(topic.kind.as_str()).filter(|kind| kind.contains('/'));
+    std::iter::once(topic.name.as_str()).chain(kind)
+}
+
 /// Finds a column such as `vehicle_attitude.q.roll` in a topic; `None` where the topic does not have it.
 fn way(topic: &Topic, column: &str) -> Option<Way> {
-    let name = column.strip_prefix(topic.name.as_str())?.strip_prefix('.')?;
+    let name = called(topic).find_map(|name| column.strip_prefix(name)?.strip_prefix('.'))?;
     let place = |name: &str| topic.fields.iter().position(|field| field.name == name);
     if let Some(place) = place(name) {
         return Some(Way::Field(place));
@@ -128,15 +134,31 @@ pub(super) fn has(survey: &Survey, column: &str) -> bool {
     survey.topics.iter().any(|found| way(&found.topic, column).is_some())
 }
 
+/// Whether a column stands in a topic.
+pub(super) fn brings(topic: &Topic, column: &str) -> bool {
+    way(topic, column).is_some()
+}
+
+/// A column that several topics of a log have, with their names.
+pub(super) fn several<'c>(survey: &Survey, columns: &'c [String]) -> Option<(&'c str, Vec<String>)> {
+    columns.iter().find_map(|column| {
+        let topics = survey.topics.iter().filter(|found| brings(&found.topic, column));
+        let names: Vec<String> = topics.map(|found| found.topic.name.clone()).collect();
+        (names.len() > 1).then_some((column.as_str(), names))
+    })
+}
+
 /// The names of a log's topics, with their fields where a column looks for one in vain.
 pub(super) fn words(survey: &Survey, missing: &[String]) -> Vec<String> {
-    let is_sought = |name: &str| {
-        missing.iter().any(|column| column.strip_prefix(name).is_some_and(|rest| rest.starts_with('.')))
+    let is_sought = |topic: &Topic| {
+        called(topic).any(|name| {
+            missing.iter().any(|column| column.strip_prefix(name).is_some_and(|rest| rest.starts_with('.')))
+        })
     };
     let topics = survey.topics.iter().map(|found| &found.topic);
     topics
         .map(|topic| {
-            if is_sought(&topic.name) {
+            if is_sought(topic) {
                 let fields: Vec<&str> = topic.fields.iter().map(|field| field.name.as_str()).collect();
                 format!("{} (with {})", topic.name, fields.join(", "))
             } else {

@@ -83,7 +83,7 @@ fn no_toml(file: &Path, text: &str, error: &RigError) -> Told {
             .hint("`bench schema NAME` prints the form of what commands print with --json")
     } else if separated {
         Told::of(file, "is a table of text").hint(
-            "`bench import --map MAP` makes a recording of a CSV flight log; `bench identify` takes balance readings",
+            "`bench import --map MAP` makes a recording of a flight log; `bench identify` takes balance readings",
         )
     } else {
         unknown(file)
