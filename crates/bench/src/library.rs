@@ -22,6 +22,7 @@ pub enum Kind {
     ImportMap,
     BalanceTable,
     Suite,
+    Sweep,
 }
 
 /// The maps for logs of topics, in the order in which they are tried: those that take less for granted first.
@@ -29,8 +30,15 @@ pub const LOG_MAPS: [&str; 5] = ["px4-vision", "px4", "px4-old", "ardupilot-visi
 
 impl Kind {
     /// All kinds, in the order in which they are listed.
-    pub const ALL: [Self; 6] =
-        [Self::Rig, Self::Airframe, Self::Mission, Self::ImportMap, Self::BalanceTable, Self::Suite];
+    pub const ALL: [Self; 7] = [
+        Self::Rig,
+        Self::Airframe,
+        Self::Mission,
+        Self::ImportMap,
+        Self::BalanceTable,
+        Self::Suite,
+        Self::Sweep,
+    ];
 
     /// What one is called.
     pub const fn name(self) -> &'static str {
@@ -41,6 +49,7 @@ impl Kind {
             Self::ImportMap => "import map",
             Self::BalanceTable => "balance table",
             Self::Suite => "suite",
+            Self::Sweep => "sweep",
         }
     }
 
@@ -53,6 +62,7 @@ impl Kind {
             Self::ImportMap => "import",
             Self::BalanceTable => "balance",
             Self::Suite => "suites",
+            Self::Sweep => "sweeps",
         }
     }
 

@@ -4,6 +4,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
+use bench_campaign::PlanFile;
 use bench_rig::{Mission, Rig, visit};
 use bench_suite::Suite;
 use clap::{Args, Subcommand};
@@ -17,7 +18,7 @@ use crate::{
     progress, words,
 };
 
-/// List the rigs, missions, maps and suites that are built in, or copy one to start from
+/// List the rigs, missions, maps, suites and sweeps that are built in, or copy one to start from
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -26,7 +27,7 @@ use crate::{
   bench rigs copy virtual            virtual.toml here, and airframes/hubsan-q4.toml beside it
   bench rigs copy missions/hop -o my-hop.toml
 
-A name stands for the built-in file wherever a command takes a rig, mission, map or suite. A file of that
+A name stands for the built-in file wherever a command takes a rig, mission, map, suite or sweep. A file of that
 path wins over the name. Names of a kind other than rigs have the kind's folder before them here."
 )]
 pub struct Arguments {
@@ -77,6 +78,7 @@ fn entries() -> anyhow::Result<Vec<(Kind, String, PathBuf, String)>> {
                 }
                 Kind::Mission => Mission::read(&path, &text)?.description,
                 Kind::Suite => Suite::read(&path, &text)?.description,
+                Kind::Sweep => PlanFile::read(&path, &text)?.description,
                 _ => text
                     .lines()
                     .find_map(|line| line.strip_prefix('#'))
