@@ -290,8 +290,7 @@ impl PlanFile {
         for variant in &self.variants {
             for plan in &variant.effects {
                 let samples = plan.samples();
-                let wrong =
-                    samples.iter().find_map(|sample| resolve_all(std::slice::from_ref(&sample)).err());
+                let wrong = samples.iter().find_map(|sample| resolve_all(std::slice::from_ref(sample)).err());
                 if let Some(error) = wrong {
                     let key = format!("{VARIANT}.{EFFECTS}.{}", plan.effect);
                     problems.push(Problem::Contradiction {
@@ -391,11 +390,11 @@ impl EffectPlan {
             parameters: self
                 .parameters
                 .iter()
-                .filter_map(|(key, draw)| {
+                .map(|(key, draw)| {
                     let typical = spec
                         .and_then(|spec| spec.parameters.iter().find(|parameter| parameter.key == *key))
                         .map_or(0.0, |parameter| parameter.prior.typical());
-                    Some((key.clone(), draw.ends().map_or(typical, |ends| ends[end]), self.line))
+                    (key.clone(), draw.ends().map_or(typical, |ends| ends[end]), self.line)
                 })
                 .collect(),
             at: Location { file: PathBuf::from("plan"), line: self.line },

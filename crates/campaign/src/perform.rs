@@ -14,13 +14,12 @@ use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Rig};
 use bench_run::{Ending, Sink, Summary, check, simulate_on};
-use sha2::{Digest as _, Sha256};
 
 use crate::{
     file::{Airframes, Diagnosing, Kind},
     learn::is_right,
     mix,
-    plan::{FlightRun, Plan, Run, Work},
+    plan::{FlightRun, Plan, Run, Work, sha256},
     table::{Cell, CellKind, Column},
 };
 
@@ -195,8 +194,8 @@ fn message(panic: &(dyn Any + Send)) -> &str {
 fn found(run: &Run<'_>) -> Result<Found, String> {
     match &run.work {
         Work::Flight(flight) => flown(flight),
-        Work::Recording { rig, path, sha256 } => {
-            let flight = recorded(path, sha256)?;
+        Work::Recording { rig, path, sha256: expected } => {
+            let flight = recorded(path, expected)?;
             let carried;
             let rig = if let Some((_, rig)) = rig {
                 check_airframe(rig, &flight)?;
@@ -250,8 +249,7 @@ fn flown(flight: &FlightRun<'_>) -> Result<Found, String> {
 
 fn recorded(path: &Path, expected: &str) -> Result<Flight, String> {
     let bytes = fs::read(path).map_err(|error| format!("{} cannot be read: {error}", path.display()))?;
-    let now: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-    if now != expected {
+    if sha256(bytes) != expected {
         return Err(format!("{} was changed since the sweep was begun", path.display()));
     }
     Flight::load(path).map_err(|error| error.to_string())

@@ -145,7 +145,8 @@ pub struct FlightRun<'p> {
     pub is_diagnosed: bool,
 }
 
-fn sha256(text: impl AsRef<[u8]>) -> String {
+/// SHA-256 in hexadecimal digits.
+pub(crate) fn sha256(text: impl AsRef<[u8]>) -> String {
     Sha256::digest(text).iter().fold(String::new(), |mut out, byte| {
         // Writing to a String cannot fail.
         let _ = write!(out, "{byte:02x}");

@@ -160,21 +160,15 @@ impl Store {
     pub fn lock(&self, shard: Shard) -> Result<ShardLock, CampaignError> {
         let Shard { number, of } = shard;
         let path = self.folder.join(LOCKS).join(format!("shard-{number}-of-{of}.lock"));
-        self.locked(&path, || CampaignError::InUse { folder: self.folder.clone(), shard })
-    }
-
-    fn locked(
-        &self,
-        path: &Path,
-        in_use: impl FnOnce() -> CampaignError,
-    ) -> Result<ShardLock, CampaignError> {
-        let options = OpenOptions::new().write(true).create(true).truncate(false).open(path);
-        let file = options.map_err(failed("write", path))?;
+        let options = OpenOptions::new().write(true).create(true).truncate(false).open(&path);
+        let file = options.map_err(failed("write", &path))?;
         match file.try_lock() {
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(in_use()),
+            Err(TryLockError::WouldBlock) => {
+                return Err(CampaignError::InUse { folder: self.folder.clone(), shard });
+            }
             Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
-            Err(TryLockError::Error(source)) => return Err(failed("lock", path)(source)),
+            Err(TryLockError::Error(source)) => return Err(failed("lock", &path)(source)),
         }
         Ok(ShardLock { _file: file })
     }

@@ -375,7 +375,11 @@ mod tests {
         let table = Table::open(&path).unwrap();
         assert_eq!(table.columns(), columns);
         let mut groups = Vec::new();
-        table.for_each_group(|cells| Ok(groups.push(cells))).unwrap();
+        let mut take = |cells| {
+            groups.push(cells);
+            Ok(())
+        };
+        table.for_each_group(&mut take).unwrap();
         let [cells] = groups.as_slice() else { panic!("one group is expected") };
         assert_eq!(cells[0].numbers(), [Some(0.5), None, None]);
         assert_eq!(cells[1].numbers(), [Some(-3.0), None, Some(7.0)]);
