@@ -133,7 +133,7 @@ pub struct KubernetesArguments {
     /// Image with the program, as the cluster finds it
     #[arg(long, value_name = "IMAGE")]
     image: String,
-    /// Claim of the volume that all pods share (ReadWriteMany)
+    /// Claim of the volume that all pods share: one that many may write to
     #[arg(long, value_name = "NAME")]
     claim: String,
     /// Where pods see the volume; the sweep's folder is looked for in it
