@@ -22,6 +22,13 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("sudo bench udev --install", "changes the system; tests/user/packaging.rs installs into another folder"),
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
     ("--model sim-*.ulg", "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it"),
+    (
+        "/shared/",
+        "needs a folder that several machines share; tests/user/sweep.rs runs shards, tests/slurm a cluster",
+    ),
+    ("sweep replay", "names a run of the reader's own; tests/user/sweep.rs replays one"),
+    ("kubectl", "needs a cluster"),
+    ("duckdb", "needs another program; tests/user/sweep.py uses its library"),
     ("hil.mcap", "is recorded by the example before, which needs a board"),
 ];
 
@@ -30,6 +37,7 @@ const SLOW: &[&str] = &[
     "bench diagnose",
     "--diagnose",
     "bench blind",
+    "bench sweep run robustness",
     "bench tune",
     "bench laws",
     "bench paper",
@@ -99,6 +107,10 @@ const FIXTURES: &[(&str, &str)] = &[
     ("flight/", "bench record-frames --mission steps --from-s 5 --seconds 3 -o flight/"),
     ("calibrate places.csv", "test -d p0 || bench record-frames --positions places.csv --bare --frames 7"),
     ("lab/", "bench test paper --station lab/ --meta operator=Ada --meta battery=3 -o of-the-lab/"),
+    (
+        "swept/",
+        "bench rigs copy sweeps/robustness -o copied.toml && sed -i 's/count = .*}/count = 1 }/' copied.toml && bench sweep run copied.toml -o swept/",
+    ),
     ("sealed/", "bench blind seal --cases 2 -o sealed/ --key key.json"),
 ];
 
@@ -106,8 +118,16 @@ const FLIGHTS_WITH_A_LAG: &str =
     "for s in 1 2 3; do bench sim --effect rotor-lag:time_constant_s=0.12 --seed $s -o flight-$s.mcap; done";
 
 /// Files that examples read, by a part of the example.
-const FILES: &[(&str, &str)] =
-    &[("log.csv", LOG), ("my-map.toml", MAP), ("places.csv", PLACES), ("hover.toml", HOVER)];
+const FILES: &[(&str, &str)] = &[
+    ("log.csv", LOG),
+    ("my-map.toml", MAP),
+    ("places.csv", PLACES),
+    ("hover.toml", HOVER),
+    ("my-plan.toml", PLAN),
+];
+
+const PLAN: &str = "name = \"mine\"\ndescription = \"A few flights.\"\nrigs = \"virtual-model\"\nmissions = \"hop\"\n\
+                    seeds = { first = 0, count = 8 }\nruns_per_part = 1\n";
 
 const HOVER: &str = "name = \"hover\"\ndescription = \"The airframe hovers.\"\n\n[[case]]\nname = \"climb\"\n\
                      rig = \"virtual\"\nmission = \"climb-040\"\ncompare = \"baseline\"\n";

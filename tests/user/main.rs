@@ -28,6 +28,7 @@ mod schema;
 mod sim;
 mod suites;
 mod support;
+mod sweep;
 mod tune;
 mod viewing;
 mod wrong;

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::support::{Scratch, bench, json, refused, root, stdout, violations};
 
-const FILES: [&str; 7] = ["rig", "airframe", "mission", "map", "calibration", "tolerances", "suite"];
+const FILES: [&str; 8] = ["rig", "airframe", "mission", "map", "calibration", "tolerances", "suite", "sweep"];
 
 fn schema(name: &str) -> Value {
     serde_json::from_str(&stdout(&bench(["schema", name]).assert().success())).unwrap()
@@ -78,7 +78,7 @@ fn what_is_committed_is_what_is_made() {
         let made = stdout(&bench(["schema", file]).assert().success());
         assert!(committed == made, "{path} is old; run `bench schema {file} > {path}`");
     }
-    for page in ["rig", "mission", "suite"] {
+    for page in ["rig", "mission", "suite", "sweep"] {
         let committed = fs::read_to_string(root().join(format!("docs/{page}.md"))).unwrap();
         let made = stdout(&bench(["schema", page, "--markdown"]).assert().success());
         assert!(
@@ -241,6 +241,7 @@ fn committed() -> Vec<(&'static str, PathBuf)> {
         ("mission", "missions/blind"),
         ("map", "import"),
         ("suite", "suites"),
+        ("sweep", "sweeps"),
     ] {
         for entry in fs::read_dir(rigs.join(folder)).unwrap() {
             let path = entry.unwrap().path();
@@ -284,6 +285,15 @@ const SUITE: &str = "name = \"all\"\ndescription = \"x\"\nport = \"/dev/ttyACM0\
     [[case.limit]]\nfield = \"/tracker/position/status\"\nstatistic = \"share\"\nequals = \"found\"\nphase = \"hold\"\nmin = 0.9\n\
     [[case]]\nname = \"b\"\nrig = \"virtual\"\nmission = [\"hop\"]\nseeds = [1, 2]\n";
 
+const SWEEP: &str = "name = \"all\"\ndescription = \"x\"\nkind = \"flights\"\nrigs = [\"virtual\", \"virtual-model\"]\n\
+    missions = \"hop\"\nairframes = \"drawn\"\ndiagnosis = \"each\"\nruns_per_part = 7\nseeds = { first = 0, count = 3 }\n\
+    [[variant]]\nname = \"a\"\n[variant.effects.rotor-lag]\ntime_constant_s = [0.05, 0.1]\n\
+    [[variant]]\nname = \"b\"\n[variant.effects.gusts]\nsigma_m_s = \"prior\"\ncorrelation_time_s = { normal = [1, 0.1] }\n\
+    [[variant]]\nname = \"c\"\n[variant.effects.mass-change]\nfraction = { uniform = [-0.1, 0.1] }\n\
+    [[variant]]\nname = \"d\"\n[variant.effects.rotor-lag]\ntime_constant_s = { log_uniform = [0.05, 0.1] }\n";
+const SWEEP_OF_SETS: &str = "name = \"all\"\ndescription = \"x\"\nkind = \"mix\"\nrigs = \"virtual\"\n\
+    missions = [\"hop\", \"steps\"]\nsets = 3\n";
+
 /// A file of each kind that uses much of what there is.
 fn samples() -> Vec<(&'static str, toml::Table)> {
     let rigs = root().join("rigs");
@@ -304,6 +314,8 @@ fn samples() -> Vec<(&'static str, toml::Table)> {
         ("calibration", calibration),
         ("tolerances", TOLERANCES.parse().unwrap()),
         ("suite", SUITE.parse().unwrap()),
+        ("sweep", SWEEP.parse().unwrap()),
+        ("sweep", SWEEP_OF_SETS.parse().unwrap()),
     ]
 }
 

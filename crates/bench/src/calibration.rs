@@ -1,38 +1,21 @@
 //! A diagnosis' calibration for one rig and its missions, learnt from simulated flights and kept in the cache.
 
-mod causes;
-mod mix;
-
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context, bail};
-use bench_diagnosis::{Analysis, Calibration, Outcome, Verdict, alarm_margin};
-use bench_filter::Track;
-use bench_inference::Problem;
-use bench_recording::{Flight, Mode, Record, Session};
-use bench_rig::{EffectEntry, Location, Mission, Model, Rig, Uncertain};
-use bench_run::simulate;
-use rand::{Rng, RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::StandardNormal;
-use rayon::prelude::*;
+use bench_campaign::{LEAST_SETS, Learning};
+use bench_diagnosis::Calibration;
+use bench_rig::{Mission, Rig};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use self::mix::{MIX, OrdinaryAir};
 use crate::{files, progress::Progress};
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
 const GENERATION: u32 = 10;
-/// Fewest sets that show a tail of false alarms.
-const LEAST_SETS: usize = 50;
-/// Sets with causes for each nominal one.
-const WITH_CAUSES: usize = 3;
-/// Seed of the first of them, far from those of the nominal ones.
-const FIRST_WITH_CAUSES: u64 = 1 << 40;
 
 /// The missions that recordings carry. Flights without one (imported logs) are stood for by the others, or by the missions of
 /// the blind check.
@@ -268,113 +251,18 @@ pub fn learnt(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Cho
     Ok(Chosen::kept(kept, "learnt", "--calibrate has just learnt it".to_owned(), None))
 }
 
-/// Flies nominal flights within the rig's tolerances and sees how near each set comes to a false alarm, then flights with causes
-/// of the library and sees how often each kind of verdict is right.
+/// Learns from simulated flights, and tells how far it is.
 fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibration> {
     if sets < LEAST_SETS {
         bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see a tail of false alarms");
     }
-    let flown = missions.or_usual()?;
     let progress = Progress::of("calibrate");
-    progress.begin("nominal flights", ((1 + WITH_CAUSES) * sets) as f64, "sets");
-    let built_in = Calibration::built_in();
-    let margins = (0..sets as u64)
-        .into_par_iter()
-        .map(|set| {
-            let tracks = tracks(&drawn(rig, set), rig, &flown, set)?;
-            if tracks.is_empty() {
-                bail!("none of the missions' simulated flights can be diagnosed on this rig");
-            }
-            let margin = alarm_margin(&Problem::new(&tracks, rig), &built_in);
-            progress.step();
-            Ok(margin)
-        })
-        .collect::<anyhow::Result<Vec<f64>>>()?;
-    let learnt = built_in.with_margins(margins, format!("calibrated for rig {}", rig.name));
-    progress.doing("flights with causes");
-    let untold = learnt.untold();
-    let outcomes = causes::planned(rig, WITH_CAUSES * sets)
-        .into_par_iter()
-        .enumerate()
-        .map(|(case, causes)| {
-            let set = FIRST_WITH_CAUSES + case as u64;
-            let mut real = rig.clone();
-            real.effects.extend(causes.iter().cloned());
-            let tracks = tracks(&drawn(&real, set), rig, &flown, set)?;
-            // A case of which there is no flight tells nothing.
-            let outcome = (!tracks.is_empty()).then(|| {
-                let told = Analysis::of(&Problem::new(&tracks, rig), &untold).told();
-                let named = |cause: &EffectEntry| told.effects.contains(&cause.name.as_str());
-                let right = told.verdict != Verdict::Unknown
-                    && told.effects.len() == causes.len()
-                    && causes.iter().all(named);
-                Outcome { told, right }
-            });
-            progress.step();
-            Ok(outcome)
-        })
-        .collect::<anyhow::Result<Vec<Option<Outcome>>>>()?;
-    drop(progress);
-    let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
-    if outcomes.is_empty() {
-        bail!(
-            "none of the missions' simulated flights with an effect or without can be diagnosed on this rig"
-        );
-    }
-    Ok(learnt.with_outcomes(&outcomes))
-}
-
-/// A set of flights of a rig as another one sees them. A flight that tells nothing is left out, as of real ones.
-fn tracks(real: &Rig, rig: &Rig, flown: &[Mission], set: u64) -> anyhow::Result<Vec<Track>> {
-    let mut tracks = Vec::new();
-    for (index, mission) in flown.iter().enumerate() {
-        let mut records: Vec<Record> = Vec::new();
-        simulate(real, mission, set * 1000 + index as u64, &mut records, |_| true)?;
-        let flight = Flight::from_records(Session::new(Mode::Sim), records);
-        tracks.extend(Track::from_flight(&mission.name, &flight, rig));
-    }
-    Ok(tracks)
-}
-
-/// An airframe within the rig's tolerances in ordinary air.
-fn drawn(rig: &Rig, set: u64) -> Rig {
-    let mut rng = ChaCha8Rng::seed_from_u64(set);
-    let mut rig = rig.clone();
-    // Vertical flights tell altitude alone, and that is what is diagnosed.
-    rig.plant.model = Model::Vertical;
-    let mut draw = |number: &mut Uncertain| {
-        let sigmas: f64 = rng.sample(StandardNormal);
-        number.value += number.sigma * sigmas.clamp(-MIX.most_deviations, MIX.most_deviations);
+    let tell = |learning| match learning {
+        Learning::Begun(all) => progress.begin("nominal flights", all as f64, "sets"),
+        Learning::Step => progress.step(),
+        Learning::WithCauses => progress.doing("flights with causes"),
     };
-    let a = &mut rig.airframe;
-    draw(&mut a.mass_kg);
-    draw(&mut a.thrust.gain_n_per_unit);
-    draw(&mut a.thrust.offset);
-    draw(&mut a.ground_effect.multiplier);
-    draw(&mut a.ground_effect.height_m);
-    draw(&mut a.drag_n_s_per_m);
-    draw(&mut rig.tracker.latency_s);
-    let OrdinaryAir { sigma_m_s, correlation_time_s: [shortest_s, longest_s] } = MIX.ordinary_air;
-    let sigma_m_s = log_uniform(&mut rng, sigma_m_s);
-    if rig.effects.iter().all(|effect| effect.name != "gusts") {
-        rig.effects.push(EffectEntry {
-            name: "gusts".to_owned(),
-            parameters: vec![
-                ("sigma_m_s".to_owned(), sigma_m_s, 0),
-                (
-                    "correlation_time_s".to_owned(),
-                    shortest_s + (longest_s - shortest_s) * rng.random::<f64>(),
-                    0,
-                ),
-            ],
-            at: Location { file: "calibration".into(), line: 0 },
-        });
-    }
-    rig
-}
-
-fn log_uniform(rng: &mut impl Rng, [low, high]: [f64; 2]) -> f64 {
-    low * (high / low).powf(rng.random::<f64>())
+    Ok(bench_campaign::learn(rig, &missions.or_usual()?, sets, &tell)?)
 }
 
 #[cfg(test)]

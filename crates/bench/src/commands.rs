@@ -24,6 +24,7 @@ pub mod rigs;
 pub mod runs;
 pub mod schema;
 pub mod sim;
+pub mod sweep;
 pub mod test;
 pub mod track;
 pub mod tracks;

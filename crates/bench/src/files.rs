@@ -78,6 +78,7 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
         FileKind::Mission => "name it with --mission",
         FileKind::ImportMap => "`bench import --map` reads it",
         FileKind::Suite => "`bench test` flies it",
+        FileKind::Sweep => "`bench sweep run` runs it",
         FileKind::Mcap => "it is flown data: name it where recordings are wanted",
         // These may be a file of the wanted kind with faults in it, which are told by line and key.
         FileKind::Toml | FileKind::Text | FileKind::Csv | FileKind::Json => return Ok(()),
@@ -90,6 +91,7 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
         Kind::Mission => kind == FileKind::Mission,
         Kind::ImportMap => kind == FileKind::ImportMap,
         Kind::Suite => kind == FileKind::Suite,
+        Kind::Sweep => kind == FileKind::Sweep,
         Kind::BalanceTable => true,
     };
     if is_wanted {
@@ -103,6 +105,14 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
 pub fn suite(named: &Path) -> anyhow::Result<(PathBuf, String)> {
     let path = find(Kind::Suite, named)?;
     is_of(Kind::Suite, &path)?;
+    let text = read(&path)?;
+    Ok((path, text))
+}
+
+/// Reads a sweep's text: a file, or one of the library by its name. Gives its path as well.
+pub fn sweep(named: &Path) -> anyhow::Result<(PathBuf, String)> {
+    let path = find(Kind::Sweep, named)?;
+    is_of(Kind::Sweep, &path)?;
     let text = read(&path)?;
     Ok((path, text))
 }
@@ -132,7 +142,8 @@ pub fn mission_path(named: &str, rig: &Path) -> anyhow::Result<PathBuf> {
     if !as_path.is_file() && beside.is_file() { Ok(beside) } else { find(Kind::Mission, as_path) }
 }
 
-fn read_mission(path: &Path) -> anyhow::Result<Mission> {
+/// Reads a mission by its path.
+pub fn read_mission(path: &Path) -> anyhow::Result<Mission> {
     is_of(Kind::Mission, path)?;
     Ok(Mission::read(path, &read(path)?)?)
 }
@@ -151,7 +162,8 @@ pub fn missions(places: &[PathBuf]) -> anyhow::Result<Vec<Mission>> {
     Ok(missions)
 }
 
-fn missions_at(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
+/// The files of missions that a place stands for.
+pub fn missions_at(place: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if place.is_dir() {
         let mut found = Vec::new();
         for entry in fs::read_dir(place).with_context(|| format!("cannot read {}", place.display()))? {

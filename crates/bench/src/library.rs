@@ -22,6 +22,7 @@ pub enum Kind {
     ImportMap,
     BalanceTable,
     Suite,
+    Sweep,
 }
 
 /// The maps for logs of topics, in the order in which they are tried: those that take less for granted first.
@@ -39,8 +40,15 @@ pub const LOG_MAPS: [&str; 9] = [
 
 impl Kind {
     /// All kinds, in the order in which they are listed.
-    pub const ALL: [Self; 6] =
-        [Self::Rig, Self::Airframe, Self::Mission, Self::ImportMap, Self::BalanceTable, Self::Suite];
+    pub const ALL: [Self; 7] = [
+        Self::Rig,
+        Self::Airframe,
+        Self::Mission,
+        Self::ImportMap,
+        Self::BalanceTable,
+        Self::Suite,
+        Self::Sweep,
+    ];
 
     /// What one is called.
     pub const fn name(self) -> &'static str {
@@ -51,6 +59,7 @@ impl Kind {
             Self::ImportMap => "import map",
             Self::BalanceTable => "balance table",
             Self::Suite => "suite",
+            Self::Sweep => "sweep",
         }
     }
 
@@ -63,6 +72,7 @@ impl Kind {
             Self::ImportMap => "import",
             Self::BalanceTable => "balance",
             Self::Suite => "suites",
+            Self::Sweep => "sweeps",
         }
     }
 

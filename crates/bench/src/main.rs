@@ -30,6 +30,7 @@ mod seen;
 mod signals;
 mod station;
 mod suites;
+mod sweeps;
 mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -72,6 +73,7 @@ enum Command {
     Import(commands::import::Arguments),
     Report(commands::report::Arguments),
     Test(commands::test::Arguments),
+    Sweep(commands::sweep::Arguments),
     Runs(commands::runs::Arguments),
     Diff(commands::diff::Arguments),
     Blind(commands::blind::Arguments),
@@ -118,6 +120,7 @@ fn main() -> std::process::ExitCode {
         Command::Import(arguments) => commands::import::run(&arguments),
         Command::Report(arguments) => commands::report::run(&arguments),
         Command::Test(arguments) => commands::test::run(&arguments),
+        Command::Sweep(arguments) => commands::sweep::run(&arguments),
         Command::Runs(arguments) => commands::runs::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blind(arguments) => commands::blind::run(arguments),

@@ -103,6 +103,11 @@ impl Progress {
         (told.done, told.begun_at) = (done, done);
     }
 
+    /// From here on tells how many are done in a second, too.
+    pub fn with_rate(&self) {
+        self.shared.told().tells_rate = true;
+    }
+
     /// One more is done.
     pub fn step(&self) {
         self.shared.told().done += 1.0;
@@ -171,6 +176,7 @@ struct Told {
     done: f64,
     total: Option<f64>,
     overall: Option<f64>,
+    tells_rate: bool,
     /// What was done when the work at hand began, and when that was.
     begun_at: f64,
     begun: Duration,
@@ -186,6 +192,7 @@ impl Told {
             done: 0.0,
             total: None,
             overall: None,
+            tells_rate: false,
             begun_at: 0.0,
             begun: Duration::ZERO,
             last_line: Duration::ZERO,
@@ -222,6 +229,10 @@ impl Told {
             let comma = if self.what.is_empty() { "" } else { ", " };
             let done = self.done.min(total).round();
             words += format!("{comma}{done} of {} {}", total.round(), self.unit).trim_end();
+        }
+        let since_s = now.saturating_sub(self.begun).as_secs_f64();
+        if self.tells_rate && self.done > self.begun_at && since_s > 0.0 {
+            _ = write!(words, ", {} a second", bench_page::digits((self.done - self.begun_at) / since_s));
         }
         match self.left(now) {
             // Writing to a String cannot fail.
@@ -290,6 +301,17 @@ mod tests {
         // Of several works, the whole counts.
         told.overall = Some(0.25);
         assert_eq!(told.words(seconds(15.0)), "blind answer: 60 of 100 cases, about 45 s left");
+    }
+
+    #[test]
+    fn the_rate_goes_by_what_was_done_here_too() {
+        let mut told = Told::new("sweep");
+        told.begin(seconds(5.0), "running", Some(1000.0), "runs");
+        (told.done, told.begun_at, told.tells_rate) = (500.0, 500.0, true);
+        assert_eq!(told.words(seconds(5.0)), "sweep: running, 500 of 1000 runs");
+        told.done = 600.0;
+        let words = told.words(seconds(15.0));
+        assert_eq!(words, "sweep: running, 600 of 1000 runs, 10 a second, about 40 s left");
     }
 
     #[test]

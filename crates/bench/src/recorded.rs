@@ -1,7 +1,6 @@
 //! Recordings, and the rig that they are held against: the one given, or the one that all of them carry.
 
 use std::{
-    collections::BTreeMap,
     path::{Path, PathBuf},
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
@@ -11,7 +10,7 @@ use bench_device::PositionSample;
 use bench_plant::effects::resolve_all;
 use bench_recording::{Flight, Mode, Session};
 use bench_rig::{
-    Actuation, Mission, Rig,
+    Actuation, Rig,
     visit::{self, Node, Value},
 };
 use clap::Args;
@@ -248,7 +247,7 @@ fn carried(sessions: &[(&Path, Session)], attached: Vec<(&Path, Rig)>) -> anyhow
         }
     }
     for (path, session) in sessions {
-        let of_before = session.mode != Mode::Import && !session.extra.contains_key(ADDED_EFFECTS);
+        let of_before = session.mode != Mode::Import && !session.extra.contains_key(Session::ADDED_EFFECTS);
         if of_before && !rig.effects.is_empty() {
             bail!(
                 "{} was recorded by a version of the bench that did not tell a rig's own effects from added ones; name the nominal model with --rig",
@@ -260,22 +259,9 @@ fn carried(sessions: &[(&Path, Session)], attached: Vec<(&Path, Rig)>) -> anyhow
     Ok(Nominal { rig, from, remarks: Vec::new() })
 }
 
-/// In a session: the effects that were added to the nominal rig, as `--effect` takes them, with semicolons between. The rig
-/// attached is the nominal one.
-pub const ADDED_EFFECTS: &str = "added_effects";
-
 /// The effects that a rig has beyond the nominal one, as `--effect` takes them.
 pub fn added_effects(nominal: &Rig, rig: &Rig) -> Vec<String> {
     rig.effects[nominal.effects.len()..].iter().map(files::effect_in_words).collect()
-}
-
-/// What is known of a simulated flight before its first record.
-pub fn simulated_session(nominal: &Rig, added: &[String], mission: &Mission, seed: u64) -> Session {
-    Session {
-        seed: Some(seed),
-        extra: BTreeMap::from([(ADDED_EFFECTS.to_owned(), added.join("; "))]),
-        ..Session::new(Mode::Sim).with_rig(nominal).with_mission(mission)
-    }
 }
 
 /// What an operator changed of the mission before the flight, such as its altitude.

@@ -14,8 +14,6 @@ use bench_run::simulate_on;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-use crate::recorded::ADDED_EFFECTS;
-
 /// Changes when simulations or their comparison do, so that what was kept before is not used.
 const GENERATION: &str = "bench.repeats/2";
 /// How many simulations.
@@ -62,7 +60,7 @@ fn nominal(recording: &Recording) -> Result<(Rig, Mission), String> {
     };
     let mut rig = Rig::read(Path::new("rig.toml"), rig)
         .map_err(|error| format!("has a rig attached that cannot be read: {error}"))?;
-    if !session.extra.contains_key(ADDED_EFFECTS) {
+    if !session.extra.contains_key(Session::ADDED_EFFECTS) {
         // Recorded by a version that did not tell a rig's own effects from added ones.
         rig.effects.clear();
     }

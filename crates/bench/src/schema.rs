@@ -4,6 +4,7 @@ mod json;
 mod outputs;
 mod page;
 
+use bench_campaign::sweep_keys;
 use bench_recording::{diff::tolerance_keys, import::ImportMap};
 use bench_rig::{Airframe, Calibration, Mission, Rig, keys::Form};
 use bench_suite::suite_keys;
@@ -21,11 +22,12 @@ pub enum Kind {
     Calibration,
     Tolerances,
     Suite,
+    Sweep,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Rig,
         Self::Airframe,
         Self::Mission,
@@ -33,6 +35,7 @@ impl Kind {
         Self::Calibration,
         Self::Tolerances,
         Self::Suite,
+        Self::Sweep,
     ];
 
     /// The name of its schema.
@@ -45,6 +48,7 @@ impl Kind {
             Self::Calibration => "calibration",
             Self::Tolerances => "tolerances",
             Self::Suite => "suite",
+            Self::Sweep => "sweep",
         }
     }
 
@@ -58,6 +62,7 @@ impl Kind {
             Self::Calibration => "a calibration",
             Self::Tolerances => "a tolerance file",
             Self::Suite => "a suite of tests",
+            Self::Sweep => "a plan of a sweep",
         }
     }
 
@@ -71,6 +76,7 @@ impl Kind {
             Self::Calibration => "Calibration file: where the camera stands and how it sees",
             Self::Tolerances => "Tolerance file: what fields of two recordings may differ by",
             Self::Suite => "Suite file: which tests are flown, and what each flight is held to",
+            Self::Sweep => "Plan of a sweep: which flights and diagnoses are run, and over what",
         }
     }
 
@@ -84,12 +90,17 @@ impl Kind {
             Self::Calibration => Calibration::keys(),
             Self::Tolerances => tolerance_keys(),
             Self::Suite => suite_keys(),
+            Self::Sweep => sweep_keys(),
         }
     }
 
     /// Its JSON Schema.
     pub fn schema(self) -> Value {
-        json::document(self.name(), self.title(), &self.keys())
+        let mut schema = json::document(self.name(), self.title(), &self.keys());
+        if self == Self::Sweep {
+            json::name_swept_effects(&mut schema);
+        }
+        schema
     }
 
     /// Its page of documentation.

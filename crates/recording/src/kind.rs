@@ -40,6 +40,8 @@ pub enum FileKind {
     ImportMap,
     /// A suite of tests.
     Suite,
+    /// A plan of a sweep.
+    Sweep,
     /// Another TOML file.
     Toml,
     /// An Excel workbook.
@@ -150,6 +152,7 @@ impl FileKind {
         {
             let has = |key: &str| entries.iter().any(|(known, _)| known == key);
             return match () {
+                () if has("rigs") || has("recordings") => Self::Sweep,
                 () if has("case") => Self::Suite,
                 () if has("phase") => Self::Mission,
                 () if has("airframe") || has("tracker") => Self::Rig,
@@ -178,6 +181,7 @@ impl FileKind {
             Self::Mission => "a mission",
             Self::ImportMap => "an import map",
             Self::Suite => "a suite of tests",
+            Self::Sweep => "a plan of a sweep",
             Self::Toml => "a TOML file",
             Self::Xlsx => "an Excel workbook",
             Self::Zip => "a zip archive",
@@ -241,6 +245,7 @@ impl FileKind {
             Self::Mission => "`bench sim --mission` flies it and records the flight".to_owned(),
             Self::ImportMap => "`bench import --map` reads logs by it".to_owned(),
             Self::Suite => "`bench test` flies it".to_owned(),
+            Self::Sweep => "`bench sweep run` runs it".to_owned(),
             Self::Zip | Self::Compressed => "unpack it, and name what is in it".to_owned(),
             Self::Toml | Self::Json | Self::Text | Self::Binary => {
                 "name a recording (.mcap); `bench import` makes one of a flight log (ULog, dataflash, MCAP, Parquet, CSV)".to_owned()

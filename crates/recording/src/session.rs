@@ -87,6 +87,19 @@ impl Session {
 }
 
 impl Session {
+    /// In [`Session::extra`]: the effects that were added to the nominal rig, as `--effect` takes them, with semicolons between. The rig
+    /// attached is the nominal one.
+    pub const ADDED_EFFECTS: &str = "added_effects";
+
+    /// What is known of a simulated flight before its first record; `added` are effects as `--effect` takes them.
+    pub fn simulated(nominal: &Rig, added: &[String], mission: &Mission, seed: u64) -> Self {
+        Self {
+            seed: Some(seed),
+            extra: BTreeMap::from([(Self::ADDED_EFFECTS.to_owned(), added.join("; "))]),
+            ..Self::new(Mode::Sim).with_rig(nominal).with_mission(mission)
+        }
+    }
+
     /// With a rig: its name, the attached text, and the rig itself.
     #[must_use]
     pub fn with_rig(self, rig: &Rig) -> Self {

@@ -4,6 +4,7 @@
 //! draws from a generator of its own: who wants a bootstrap hands one over, seeded.
 
 use nalgebra::{Cholesky, Dyn};
+use statrs::distribution::{ContinuousCDF as _, Normal};
 
 mod bootstrap;
 mod order;
@@ -38,6 +39,11 @@ pub fn evenly_in_log(from: f64, to: f64, n: usize) -> impl Iterator<Item = f64> 
     (0..n).map(move |i| from * (to / from).powf(i as f64 / (n - 1) as f64))
 }
 
+/// The value that a standard normal one stays below with a probability above 0 and below 1; infinite at the ends and beyond.
+pub fn normal_quantile(probability: f64) -> f64 {
+    Normal::standard().inverse_cdf(probability.clamp(0.0, 1.0))
+}
+
 /// The logarithm of the determinant of a positive definite matrix, from its factor `L` of `L L'`: twice the sum of `ln L[i][i]`, in
 /// the order of the rows.
 pub fn ln_det(factor: &Cholesky<f64, Dyn>) -> f64 {
@@ -55,6 +61,16 @@ mod tests {
         assert_eq!(mean([1.0, 2.0, 6.0]), Some(3.0));
         assert_eq!(root_mean_square([3.0, -4.0, 0.0, 0.0]), Some(2.5));
         assert_eq!((mean([]), root_mean_square([])), (None, None));
+    }
+
+    #[test]
+    fn the_normal_quantile_is_the_tabulated_one() {
+        for (probability, tabulated) in
+            [(0.5, 0.0), (0.975, 1.959_964), (0.999, 3.090_232), (0.025, -1.959_964)]
+        {
+            assert!((normal_quantile(probability) - tabulated).abs() < 5e-7, "{probability}");
+        }
+        assert_eq!((normal_quantile(1.0), normal_quantile(-1.0)), (f64::INFINITY, f64::NEG_INFINITY));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
-    draw::{Models, add},
+    draw::{Models, add_to_drawn},
     error::TuneError,
     flight::{Traced, fly_traced, lifted, quick},
     statistics::percentile,
@@ -175,16 +175,7 @@ fn add_drawn(plant: &mut Rig, effect: usize, seed: u64, model: u64) {
             (parameter.key, drawn.clamp(parameter.min, parameter.max))
         })
         .collect();
-    // What the tolerances drew of the same name is part of the draw.
-    let before = plant.effects.iter().position(|known| known.name == spec.name);
-    match before.map(|at| plant.effects.remove(at)) {
-        Some(known) if spec.name == "tracker-latency" => {
-            let own = known.parameters.iter().map(|(_, value, _)| value).sum::<f64>();
-            let Some((key, value)) = values.first() else { return };
-            add(plant, spec.name, &[(key, (value + own).clamp(-0.2, 0.5))]);
-        }
-        _ => add(plant, spec.name, &values),
-    }
+    add_to_drawn(plant, spec.name, &values);
 }
 
 fn fly(plant: &Rig, rig: &Rig, goals: Goals, seed: u64) -> Flights {

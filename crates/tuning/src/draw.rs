@@ -92,3 +92,17 @@ pub(crate) fn add(rig: &mut Rig, name: &str, values: &[(&str, f64)]) {
         at: Location { file: "drawn".into(), line: 0 },
     });
 }
+
+/// Adds an effect of the library to a rig that [`Models`] drew, with its values by their keys. What the tolerances drew of the same name
+/// is part of it: latencies add up, all else is replaced.
+pub fn add_to_drawn(plant: &mut Rig, name: &str, values: &[(&str, f64)]) {
+    let before = plant.effects.iter().position(|known| known.name == name);
+    match before.map(|at| plant.effects.remove(at)) {
+        Some(known) if name == "tracker-latency" => {
+            let own = known.parameters.iter().map(|(_, value, _)| value).sum::<f64>();
+            let Some((key, value)) = values.first() else { return };
+            add(plant, name, &[(key, (value + own).clamp(-0.2, 0.5))]);
+        }
+        _ => add(plant, name, values),
+    }
+}

@@ -25,7 +25,7 @@ mod write;
 
 pub use bench_statistics::Share;
 pub use compare::{Achieved, Case, Comparison, Goals, compare};
-pub use draw::Models;
+pub use draw::{Models, add_to_drawn};
 pub use error::TuneError;
 pub use figures::Figures;
 pub use flight::{Task, Traced, fly_traced};

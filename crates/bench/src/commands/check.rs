@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::{arguments::Json, exit::Exit, schema::Kind, words};
 
-/// Say whether rigs, airframes, missions, maps, calibrations, tolerance files, suites and recordings are sound, without flying
+/// Say whether rigs, airframes, missions, maps, calibrations, tolerance files, suites, sweeps and recordings are sound, without flying
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench check my-rig.toml
@@ -47,6 +47,7 @@ enum Wanted {
     Calibration,
     Tolerances,
     Suite,
+    Sweep,
     Recording,
 }
 
@@ -60,6 +61,7 @@ impl Wanted {
             Self::Calibration => Some(Kind::Calibration),
             Self::Tolerances => Some(Kind::Tolerances),
             Self::Suite => Some(Kind::Suite),
+            Self::Sweep => Some(Kind::Sweep),
             Self::Recording => None,
         }
     }
@@ -80,8 +82,8 @@ struct Report {
 struct Checked {
     /// The file.
     file: PathBuf,
-    /// What it is: `rig`, `airframe`, `mission`, `map`, `calibration`, `tolerances`, `suite` or `recording`; null where it could
-    /// not be told.
+    /// What it is: `rig`, `airframe`, `mission`, `map`, `calibration`, `tolerances`, `suite`, `sweep` or `recording`; null where
+    /// it could not be told.
     kind: Option<&'static str>,
     #[serde(skip)]
     words: &'static str,

@@ -38,9 +38,7 @@ use crate::{
     files::{self, Form, Outputs},
     foxglove::{FoxgloveArguments, Server},
     live::{self, LiveArguments, Page},
-    progress,
-    recorded::{self, ADDED_EFFECTS},
-    seen,
+    progress, recorded, seen,
     signals::{PARENT_ENDED, Signals},
     station::Station,
     words,
@@ -480,7 +478,7 @@ fn there_is() -> String {
 fn session(rig: &Rig, added: &[String], mission: &Mission, seed: u64, port: &str, ready: &Ready) -> Session {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let extra = [
-        (ADDED_EFFECTS, added.join("; ")),
+        (Session::ADDED_EFFECTS, added.join("; ")),
         ("started_unix_s", recorded::since_1970().as_secs().to_string()),
         ("host", host.trim().to_owned()),
         ("port", port.to_owned()),

@@ -19,7 +19,7 @@ use bench_page::{
     parts::{Column, block, cell, code, passed, table},
 };
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Options, Record, Recorder};
+use bench_recording::{Flight, Options, Record, Recorder, Session};
 use bench_rig::{Mission, Model, Phase, Rig};
 use bench_run::{Ending, Sink, simulate};
 use clap::Args;
@@ -38,7 +38,7 @@ use crate::{
     files::{self, Form, Outputs},
     model_page::{ground_figure, thrust_figure, trajectory_figure},
     progress::Progress,
-    recorded::{added_effects, simulated_session},
+    recorded::added_effects,
     report::less_between,
     words,
 };
@@ -343,7 +343,7 @@ fn fly(rig: &Rig, nominal: &Rig, mission: &Mission, seed: u64, file: &Path) -> a
     if flown.ending != Ending::Complete {
         bail!("the flight of {} was stopped: {:?}", mission.name, flown.ending);
     }
-    let session = simulated_session(nominal, &added_effects(nominal, rig), mission, seed);
+    let session = Session::simulated(nominal, &added_effects(nominal, rig), mission, seed);
     let mut recorder = Recorder::create(file, &session, Options::SIMULATION)?;
     for record in &records {
         recorder.take(*record);

@@ -6,6 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
+use bench_campaign::PlanFile;
 use bench_rig::{Mission, Rig, visit};
 use bench_suite::Suite;
 use clap::{Args, Subcommand};
@@ -19,7 +20,7 @@ use crate::{
     progress, words,
 };
 
-/// List the rigs, missions, maps and suites that are built in, copy one to start from, or draft a rig from logs
+/// List the rigs, missions, maps, suites and sweeps that are built in, copy one to start from, or draft a rig from logs
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -29,7 +30,7 @@ use crate::{
   bench rigs copy missions/hop -o my-hop.toml
   bench rig from-log log.ulg -o my-draft.toml
 
-A name stands for the built-in file wherever a command takes a rig, mission, map or suite. A file of that
+A name stands for the built-in file wherever a command takes a rig, mission, map, suite or sweep. A file of that
 path wins over the name. Names of a kind other than rigs have the kind's folder before them here."
 )]
 pub struct Arguments {
@@ -82,6 +83,7 @@ fn entries() -> anyhow::Result<Vec<(Kind, String, PathBuf, String)>> {
                 }
                 Kind::Mission => Mission::read(&path, &text)?.description,
                 Kind::Suite => Suite::read(&path, &text)?.description,
+                Kind::Sweep => PlanFile::read(&path, &text)?.description,
                 _ => text
                     .lines()
                     .find_map(|line| line.strip_prefix('#'))

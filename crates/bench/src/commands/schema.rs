@@ -17,7 +17,7 @@ use crate::{
   bench schema diagnosis               what `bench diagnose --json` prints
   bench schema rig --markdown          every key in words, as in docs/rig.md")]
 pub struct Arguments {
-    /// A file's kind (rig, airframe, mission, map, calibration, tolerances, suite) or an output's name
+    /// A file's kind (rig, airframe, mission, map, calibration, tolerances, suite, sweep) or an output's name
     name: Option<String>,
     /// Print the page of documentation instead; files only
     #[arg(long, requires = "name")]

@@ -11,7 +11,7 @@ use anyhow::Context;
 use bench_device::Clock as _;
 use bench_kinect::KinectError;
 use bench_plant::effects::parse_effect;
-use bench_recording::{ExportOptions, Finished, Options, Recorder, RecordingError, export};
+use bench_recording::{ExportOptions, Finished, Options, Recorder, RecordingError, Session, export};
 use bench_rig::{Mission, Model, Rig};
 use bench_run::{Directive, StopReason, Tee, WallClock, check, simulate, simulate_seen};
 use bench_view::{About, Stage};
@@ -157,7 +157,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let Some((mut watched, mission, changes)) = started(watched, mission) else { return Ok(Exit::Stopped) };
     files::make_folder(&output)?;
 
-    let mut session = recorded::simulated_session(&nominal, &added, &mission, arguments.seed);
+    let mut session = Session::simulated(&nominal, &added, &mission, arguments.seed);
     if arguments.frames {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }

@@ -6,16 +6,13 @@ use bench_page::{
     Section, Tone, Verdict,
     parts::{Column, Tile, badge, cell, facts, folded, passed, table, tiles, warnings},
 };
-use bench_recording::{Event, Flight, Info, Level};
+use bench_recording::{Event, Flight, Info, Level, Session};
 use bench_rig::{Mission, Rig, keys::Form};
 use bench_run::{Check, Summary, check};
 use maud::{Markup, html};
 
 use super::{Loaded, settings, timing, traces};
-use crate::{
-    recorded::ADDED_EFFECTS,
-    words::{self, short},
-};
+use crate::words::{self, short};
 
 /// A recording, held against its mission.
 pub struct Flown {
@@ -112,8 +109,9 @@ impl Flown {
     fn particulars(&self) -> Vec<(&'static str, String)> {
         let info = &self.info;
         let airframe = self.rig.as_ref().map(|rig| rig.airframe.name.clone()).unwrap_or_default();
-        let added = info.extra.get(ADDED_EFFECTS).cloned().unwrap_or_default();
-        let extra = info.extra.iter().filter(|(key, value)| *key != ADDED_EFFECTS && is_short(value));
+        let added = info.extra.get(Session::ADDED_EFFECTS).cloned().unwrap_or_default();
+        let extra =
+            info.extra.iter().filter(|(key, value)| *key != Session::ADDED_EFFECTS && is_short(value));
         let extra: Vec<String> = extra.map(|(key, value)| format!("{key} {value}")).collect();
         vec![
             ("recording", self.path.display().to_string()),

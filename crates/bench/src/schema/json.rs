@@ -1,6 +1,6 @@
 //! Keys of a file as JSON Schema, draft 2020-12.
 
-use bench_plant::effects::{EffectSpec, LIBRARY};
+use bench_plant::effects::{EffectSpec, LIBRARY, Parameter};
 use bench_rig::{
     keys::{Form, Key, Kind, Presence},
     visit::Range,
@@ -172,6 +172,77 @@ fn effect(spec: &EffectSpec) -> Value {
         "properties": properties,
         "required": required,
         "additionalProperties": false,
+    })
+}
+
+/// Puts the library's effects, with their parameters and ranges, where a sweep's plan takes effects of any name.
+pub fn name_swept_effects(schema: &mut Value) {
+    match schema {
+        Value::Object(entries) => {
+            if let Some(effects) =
+                entries.get_mut("effects").filter(|effects| effects["additionalProperties"].is_object())
+            {
+                let description = effects["description"].take();
+                *effects = swept_effects();
+                effects["description"] = description;
+            }
+            entries.values_mut().for_each(name_swept_effects);
+        }
+        Value::Array(items) => items.iter_mut().for_each(name_swept_effects),
+        _ => {}
+    }
+}
+
+fn swept_effects() -> Value {
+    let effects = LIBRARY.iter().map(|spec| {
+        let parameters: Map<String, Value> =
+            spec.parameters.iter().map(|parameter| (parameter.key.to_owned(), swept(parameter))).collect();
+        let required: Vec<&str> = spec
+            .parameters
+            .iter()
+            .filter(|parameter| parameter.default.is_none())
+            .map(|parameter| parameter.key)
+            .collect();
+        let effect = json!({
+            "type": "object",
+            "description": format!("{}. Law: {}.", sentence(spec.summary), spec.law),
+            "properties": parameters,
+            "required": required,
+            "additionalProperties": false,
+        });
+        (spec.name.to_owned(), effect)
+    });
+    let effects: Map<String, Value> = effects.collect();
+    json!({ "type": "object", "properties": effects, "required": [], "additionalProperties": false })
+}
+
+/// A parameter as a plan gives it: a number, several, or where it is drawn from.
+fn swept(parameter: &Parameter) -> Value {
+    let within = number(Range::closed(parameter.min, parameter.max));
+    let mut positive = within.clone();
+    if parameter.min <= 0.0 {
+        positive = number(Range::above(0.0, parameter.max));
+    }
+    let drawn = |name: &str, words: &str, ends: Value| {
+        let mut properties = Map::new();
+        properties.insert(name.to_owned(), described(ends, words));
+        json!({ "type": "object", "properties": properties, "required": [name], "additionalProperties": false })
+    };
+    let unit = if parameter.unit == "1" { String::new() } else { format!(" Unit: {}.", parameter.unit) };
+    json!({
+        "description": format!("{}.{unit}", sentence(parameter.meaning)),
+        "anyOf": [
+            within,
+            { "type": "array", "items": within, "minItems": 1 },
+            { "const": "prior" },
+            drawn("uniform", "Drawn evenly from the first to the second number.", pair(&within, &within)),
+            drawn("log_uniform", "Drawn evenly in the logarithm from the first to the second number.", pair(&positive, &positive)),
+            drawn(
+                "normal",
+                "Drawn from the normal distribution with this mean and this standard deviation.",
+                pair(&within, &number(Range::closed(0.0, f64::MAX))),
+            ),
+        ],
     })
 }
 

@@ -51,6 +51,7 @@ pub const OUTPUTS: &[Output] = outputs! {
     "rig-draft" "1",
     "rigs" "1",
     "runs" "1",
+    "sweep" "1",
     "test" "1",
     "track" "1",
     "trend" "1",

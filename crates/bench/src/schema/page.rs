@@ -13,6 +13,7 @@ pub fn page(file: super::Kind) -> String {
         super::Kind::Rig => include_str!("rig.md"),
         super::Kind::Mission => include_str!("mission.md"),
         super::Kind::Suite => include_str!("suite.md"),
+        super::Kind::Sweep => include_str!("sweep.md"),
         _ => "",
     };
     let mut sections = Vec::new();

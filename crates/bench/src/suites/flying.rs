@@ -12,7 +12,7 @@ use std::{
 };
 
 use anyhow::Context;
-use bench_recording::{Finished, Flight, Options, Recorder};
+use bench_recording::{Finished, Flight, Options, Recorder, Session};
 use bench_run::{Directive, Ending, StopReason, simulate, simulate_seen};
 use bench_station::Entry;
 use bench_suite::{Attached, Mode, Run, Suite, Times, judge};
@@ -126,7 +126,7 @@ impl Flying<'_> {
 
     fn simulated(&self, planned: &Planned, seed: u64, recording: &Path) -> anyhow::Result<Ended> {
         let Planned { nominal, rig, mission, .. } = planned;
-        let mut session = recorded::simulated_session(nominal, &planned.added(), mission, seed);
+        let mut session = Session::simulated(nominal, &planned.added(), mission, seed);
         let by_frames = planned.test.mode == Mode::Frames;
         if by_frames {
             session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeSet, path::Path};
 
+use bench_campaign::CampaignError;
 use bench_plant::effects::{EffectError, resolve_all};
 use bench_recording::{
     diff::{DiffError, Tolerances},
@@ -16,6 +17,7 @@ use super::{Checked, Told, told};
 use crate::{
     schema::Kind,
     suites::{Plan, Selected},
+    sweeps,
     words::causes,
 };
 
@@ -35,6 +37,7 @@ pub fn check(file: &Path, text: &str, wanted: Option<Kind>) -> Checked {
             Tolerances::read(file, text).map_or_else(|error| vec![tolerance(file, &error)], |_| Vec::new())
         }
         Kind::Suite => suite(file),
+        Kind::Sweep => sweep(file, text),
     };
     Checked { kind: Some(kind.name()), words: kind.words(), problems, ..Checked::default() }
 }
@@ -134,6 +137,15 @@ fn suite(file: &Path) -> Vec<Told> {
             Some(error) => told(error),
             None => vec![Told::of(file, causes(&error))],
         },
+    }
+}
+
+/// All that is wrong with a sweep and with the rigs, missions and recordings that it names.
+fn sweep(file: &Path, text: &str) -> Vec<Told> {
+    match bench_campaign::Plan::read_as_far_as_possible(file, text, &sweeps::Names { file }) {
+        Ok((_, problems)) => problems.iter().map(Told::from).collect(),
+        Err(CampaignError::File(error)) => told(&error),
+        Err(error) => vec![Told::of(file, error.to_string())],
     }
 }
 

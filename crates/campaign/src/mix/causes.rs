@@ -1,4 +1,4 @@
-//! What a calibration plants in flights: the mix of `docs/results/diagnosis.md`, which `tools/diagnosis` draws.
+//! What is planted in flights: the mix of `docs/results/diagnosis.md`, which `tools/diagnosis` draws.
 
 use bench_plant::effects::{EffectSpec, LIBRARY, Parameter, Prior};
 use bench_rig::{EffectEntry, Location, Rig};
@@ -6,7 +6,7 @@ use rand::{Rng, RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::{FIRST_WITH_CAUSES, log_uniform, mix::MIX};
+use super::{FIRST_WITH_CAUSES, log_uniform, numbers::MIX};
 
 /// The effects of each case. Every effect comes alone as often as any other, one more at most.
 /// Those that the rig has are part of its model, and no causes.

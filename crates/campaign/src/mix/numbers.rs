@@ -64,7 +64,7 @@ pub(super) struct Size {
 
 /// The mix of `mix.toml`.
 pub(super) static MIX: LazyLock<Mix> =
-    LazyLock::new(|| toml::from_str(include_str!("mix.toml")).expect("a test has read it"));
+    LazyLock::new(|| toml::from_str(super::TEXT).expect("a test has read it"));
 
 #[cfg(test)]
 mod tests {
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn the_file_can_be_drawn_from() {
-        let mix: Mix = toml::from_str(include_str!("mix.toml")).unwrap();
+        let mix: Mix = toml::from_str(super::super::TEXT).unwrap();
         let Size { normal, shape, zero, other, share_of_other, .. } = mix.size;
         let OrdinaryAir { sigma_m_s, correlation_time_s } = mix.ordinary_air;
         for [low, high] in [normal, share_of_other, sigma_m_s, correlation_time_s] {
