@@ -73,7 +73,7 @@ impl<'a> Analysis<'a> {
         self.prepared.problem()
     }
 
-    /// The verdict, without all that goes with it.
+    /// The most probable hypothesis by itself, without all that goes with it.
     pub fn told(&self) -> Told {
         self.weighed.told()
     }

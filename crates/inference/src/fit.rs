@@ -125,8 +125,9 @@ pub(crate) const MEASUREMENT_SIGMA_LN: f64 = 0.05;
 /// The same of the turbulence and of its correlation time, where the rig tells them without a spread: air is not the same every day.
 const TOLD_TURBULENCE_SIGMA_LN: f64 = 0.25;
 const TOLD_TURBULENCE_TIME_SIGMA_LN: f64 = 0.3;
-/// The same where the rig tells nothing: a factor of two and more.
-const ANY_TURBULENCE_SIGMA_LN: f64 = 0.7;
+/// The same where the rig tells nothing: from a third to three times the usual within three of these. Air that is twenty times as rough
+/// must still be gusts.
+const ANY_TURBULENCE_SIGMA_LN: f64 = 0.4;
 const ANY_TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 /// Correlation times of turbulence that are tried, s.
 pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
