@@ -106,12 +106,17 @@ pub struct Answer {
     pub probability: f64,
 }
 
+/// Evidence from which an effect counts as seen, nats: odds of 20 to 1. Of what is not, all effects look alike.
+const SEEN_NATS: f64 = 3.0;
+
 /// The answer of candidates that are sorted, most probable first.
 pub fn answer(candidates: &[Candidate], likenesses: &Likenesses) -> Answer {
     let effects = |i: usize| candidates[i].indices.as_deref().unwrap_or_default();
     let of = |leading: usize| {
+        let seen = |i: usize| candidates[i].evidence_gain > SEEN_NATS;
         let alternatives: Vec<usize> = (0..candidates.len())
-            .filter(|i| *i != leading && likenesses.interchangeable(effects(leading), effects(*i)))
+            .filter(|i| *i != leading && seen(leading) && seen(*i))
+            .filter(|i| likenesses.interchangeable(effects(leading), effects(*i)))
             .collect();
         let others: f64 = alternatives.iter().map(|i| candidates[*i].probability).sum();
         Answer { leading, probability: candidates[leading].probability + others, alternatives }
@@ -134,7 +139,7 @@ mod tests {
             indices: indices.map(<[usize]>::to_vec),
             name: String::new(),
             probability: *probability,
-            evidence_gain: 0.0,
+            evidence_gain: 10.0,
             grounds: None,
             parameters: Vec::new(),
         };
@@ -148,6 +153,11 @@ mod tests {
         let found = answer(&all, &alike);
         assert_eq!((found.leading, found.alternatives), (1, vec![2]));
         assert!((found.probability - 0.57).abs() < 1e-12);
+        // What flights do not show is not an answer for being many.
+        let mut hidden =
+            candidates(&[(Some(&[]), 0.3), (Some(&[3]), 0.29), (Some(&[5]), 0.28), (None, 0.13)]);
+        hidden.iter_mut().for_each(|candidate| candidate.evidence_gain = 0.4);
+        assert_eq!(answer(&hidden, &alike).leading, 0);
         // Where nothing is alike, the most probable leads by itself.
         assert_eq!(
             answer(&all, &Likenesses::default()),
