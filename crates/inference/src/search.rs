@@ -11,7 +11,7 @@ use crate::{
     fit::{Fit, Problem},
     promise::Promise,
     random,
-    settle::{retimed, settle},
+    settle::settle,
 };
 
 /// Cosine of a tilt that would show, if vertical thrust were not kept up in it.
@@ -70,9 +70,7 @@ impl Search {
         let mut singles = match guide {
             None => {
                 let promises = problem.promises(&null, &effects, SINGLES_REFINED);
-                let mut singles = refine(problem, &null, promises, SINGLES_UNFOLDED);
-                retime_leading(problem, &mut singles);
-                singles
+                refine(problem, &null, promises, SINGLES_UNFOLDED)
             }
             Some(guide) => followed(problem, guide, 1),
         };
@@ -126,9 +124,6 @@ impl Search {
                 }
             }
         }
-        if guide.is_none() {
-            retime_leading(problem, &mut pairs);
-        }
         let again = if guide.is_none() { again(problem, &bases, &pairs) } else { None };
         if let Some(found) = &again {
             pairs.extend(all_seconds(found));
@@ -172,17 +167,6 @@ impl Search {
             .map(|i| self.gain(i))
             .fold(0.0, f64::max)
     }
-}
-
-/// So many of the best fits of laws are held against turbulence of other correlation times.
-const RETIMED: usize = 4;
-
-/// Gives the best fits of laws turbulence of the likeliest correlation time beside each.
-fn retime_leading(problem: &Problem<'_>, fits: &mut [Fit]) {
-    fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    let of_laws: Vec<&mut Fit> = fits.iter_mut().filter(|fit| fit.random.is_empty()).take(RETIMED).collect();
-    of_laws.into_par_iter().for_each(|fit| *fit = retimed(problem, fit.clone()));
-    fits.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
 }
 
 /// The strongest noise with each of the others, and with those that explain nothing alone, for one that leads may hide them.

@@ -101,8 +101,7 @@ fn likeliest_time(problem: &Problem<'_>, fit: &Fit, from: Noise, objective: f64)
     noise
 }
 
-/// A fit of laws under turbulence of the likeliest correlation time beside it: what the null lacks is a slow turbulence there, and
-/// none beside the law that explains it.
+/// A fit without effects under turbulence of the likeliest correlation time beside it, which all other hypotheses take over.
 pub fn retimed(problem: &Problem<'_>, fit: Fit) -> Fit {
     let noise = likeliest_time(problem, &fit, fit.noise, fit.objective);
     if noise == fit.noise {
