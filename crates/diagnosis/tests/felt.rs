@@ -71,8 +71,9 @@ fn motion_felt_on_board_adds_evidence_for_what_is_there() {
     let flights = flights(Some("quadratic-drag:coefficient_n_s2_per_m2=0.01"));
     let (without, with) = (diagnose(&flights, &rig(false)), diagnose(&flights, &rig(true)));
     let name = "quadratic-drag";
+    // Odds of 20 to 1.
     assert!(
-        evidence(&with, name) > evidence(&without, name) + 5.0,
+        evidence(&with, name) > evidence(&without, name) + 3.0,
         "{} with, {} without",
         evidence(&with, name),
         evidence(&without, name)
