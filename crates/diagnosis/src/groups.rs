@@ -156,7 +156,9 @@ mod tests {
         // What flights do not show is not an answer for being many.
         let mut hidden =
             candidates(&[(Some(&[]), 0.3), (Some(&[3]), 0.29), (Some(&[5]), 0.28), (None, 0.13)]);
-        hidden.iter_mut().for_each(|candidate| candidate.evidence_gain = 0.4);
+        for candidate in &mut hidden {
+            candidate.evidence_gain = 0.4;
+        }
         assert_eq!(answer(&hidden, &alike).leading, 0);
         // Where nothing is alike, the most probable leads by itself.
         assert_eq!(
