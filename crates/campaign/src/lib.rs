@@ -27,6 +27,7 @@ mod report;
 mod store;
 mod table;
 
+pub use bench_recording::{CellKind, Cells};
 pub use cluster::{CONTAINER_FILE, Handed};
 pub use cost::{Cost, Workload};
 pub use draw::Draw;
@@ -40,7 +41,7 @@ pub use plan::{FlightRun, Library, Plan, Run, Unfound, Work};
 pub use record::record;
 pub use report::{Report, report};
 pub use store::{RESULTS, ShardLock, Store, TIMES, encoded};
-pub use table::{Cell, CellKind, Cells, Column, Table};
+pub use table::{Cell, Column, Table};
 
 /// The version whose results these are.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

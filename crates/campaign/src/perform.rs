@@ -11,7 +11,7 @@ use std::{
 use bench_diagnosis::{Calibration, Diagnosis, Verdict};
 use bench_filter::Track;
 use bench_inference::Problem;
-use bench_recording::{Flight, Mode, Record, Session};
+use bench_recording::{CellKind, Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Rig};
 use bench_run::{Ending, Sink, Summary, check, simulate_on};
 
@@ -20,7 +20,7 @@ use crate::{
     learn::is_right,
     mix,
     plan::{FlightRun, Plan, Run, Work, sha256},
-    table::{Cell, CellKind, Column},
+    table::{Cell, Column},
 };
 
 /// A run that was done.

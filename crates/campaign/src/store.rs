@@ -18,10 +18,12 @@ use std::{
     process,
 };
 
+use bench_recording::CellKind;
+
 use crate::{
     CampaignError, Done, Plan, Shard, VERSION, columns,
     plan::{STORED, StoredPlan},
-    table::{Cell, CellKind, Column, Table, TableWriter, label},
+    table::{Cell, Column, Table, TableWriter, label},
 };
 
 /// Name of the kept plan.

@@ -11,6 +11,7 @@
 
 mod channel;
 mod codec;
+mod columns;
 mod container;
 pub mod diff;
 mod error;
@@ -37,6 +38,7 @@ mod writer_thread;
 mod zstd_decoder;
 
 pub use channel::Channel;
+pub use columns::{CellKind, Cells, ColumnWriter};
 pub use error::RecordingError;
 pub use export::{ExportOptions, Exported, export};
 pub use field::{Field, Kind, Value, Values};
