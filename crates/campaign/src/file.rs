@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use bench_plant::effects::{EffectError, LIBRARY, index_of, resolve_all};
+use bench_plant::effects::{LIBRARY, index_of, resolve_all};
 use bench_rig::{
     EffectEntry, Location, Problem, RigError,
     visit::{self, Node, Range, Reader, Value},
@@ -188,14 +188,14 @@ impl PlanFile {
         reader.text(NAME, &mut self.name);
         reader.text(DESCRIPTION, &mut self.description);
         let kinds = [("flights", Kind::Flights), ("recordings", Kind::Recordings), ("mix", Kind::Mix)];
-        choice_or(reader, KIND, &kinds, &mut self.kind);
+        reader.choice_or(KIND, &kinds, &mut self.kind);
         self.runs_per_part = maybe_whole(reader, RUNS_PER_PART, 1, RUNS_PER_PART_MAX);
         match self.kind {
             Kind::Flights => self.fill_flights(reader),
             Kind::Recordings => {
                 let _ = reader.require(RECORDINGS, "a recording, a folder of some, or a list of them");
-                self.recordings = texts(reader, RECORDINGS);
-                self.rigs = texts(reader, RIGS);
+                self.recordings = reader.texts(RECORDINGS);
+                self.rigs = reader.texts(RIGS);
             }
             Kind::Mix => {
                 self.fill_rigs_and_missions(reader);
@@ -211,18 +211,18 @@ impl PlanFile {
 
     fn fill_rigs_and_missions(&mut self, reader: &mut Reader<'_, '_>) {
         let _ = reader.require(RIGS, "a rig's name or file, or a list of them");
-        self.rigs = texts(reader, RIGS);
+        self.rigs = reader.texts(RIGS);
         let _ = reader.require(MISSIONS, "a mission's name or file, or a list of them");
-        self.missions = texts(reader, MISSIONS);
+        self.missions = reader.texts(MISSIONS);
     }
 
     fn fill_flights(&mut self, reader: &mut Reader<'_, '_>) {
         self.fill_rigs_and_missions(reader);
         self.read_seeds(reader);
         let airframes = [("nominal", Airframes::Nominal), ("drawn", Airframes::Drawn)];
-        choice_or(reader, AIRFRAMES, &airframes, &mut self.airframes);
+        reader.choice_or(AIRFRAMES, &airframes, &mut self.airframes);
         let diagnosis = [("none", Diagnosing::None), ("each", Diagnosing::Each)];
-        choice_or(reader, DIAGNOSIS, &diagnosis, &mut self.diagnosis);
+        reader.choice_or(DIAGNOSIS, &diagnosis, &mut self.diagnosis);
         let Some(node) = reader.get(VARIANT) else {
             self.variants = vec![Variant { name: "as it is".to_owned(), effects: Vec::new() }];
             return;
@@ -296,26 +296,12 @@ impl PlanFile {
                     problems.push(Problem::Contradiction {
                         at: self.at(plan.line),
                         key,
-                        detail: without_place(&error),
+                        detail: error.detail(),
                     });
                 }
             }
         }
     }
-}
-
-/// What is wrong with an effect, without its place: that is told with the plan's key.
-pub(crate) fn without_place(error: &EffectError) -> String {
-    let words = error.to_string();
-    let at = match error {
-        EffectError::UnknownEffect { at, .. }
-        | EffectError::UnknownParameter { at, .. }
-        | EffectError::MissingParameter { at, .. }
-        | EffectError::OutOfRange { at, .. }
-        | EffectError::Repeated { at, .. } => at.to_string(),
-        EffectError::Syntax { .. } => return words,
-    };
-    words.strip_prefix(&format!("{at}: ")).unwrap_or(&words).to_owned()
 }
 
 impl Variant {
@@ -477,40 +463,6 @@ fn draw(reader: &mut Reader<'_, '_>, key: &str, node: &Node) -> Option<Draw> {
             None
         }
     }
-}
-
-/// One of the named choices; absent, the value stays what it is.
-fn choice_or<T: Copy + PartialEq>(
-    reader: &mut Reader<'_, '_>,
-    key: &str,
-    choices: &[(&str, T)],
-    value: &mut T,
-) {
-    if reader.get(key).is_some() {
-        reader.choice(key, choices, value);
-    }
-}
-
-/// A text or a list of texts; empty where the key is absent.
-fn texts(reader: &mut Reader<'_, '_>, key: &str) -> Vec<String> {
-    const EXPECTED: &str = "a text that is not empty, or a list of such texts";
-    let Some(node) = reader.get(key) else { return Vec::new() };
-    let items = match &node.value {
-        Value::List(items) if !items.is_empty() => items.as_slice(),
-        Value::Text(_) => std::slice::from_ref(node),
-        _ => {
-            reader.wrong_type(key, node, EXPECTED);
-            return Vec::new();
-        }
-    };
-    let mut texts = Vec::new();
-    for item in items {
-        match &item.value {
-            Value::Text(text) if !text.trim().is_empty() => texts.push(text.clone()),
-            _ => reader.wrong_type(key, item, EXPECTED),
-        }
-    }
-    texts
 }
 
 /// An optional whole number.

@@ -15,7 +15,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::{
     CampaignError, VERSION,
-    file::{Airframes, Diagnosing, Kind, PlanFile, without_place},
+    file::{Airframes, Diagnosing, Kind, PlanFile},
     keys::{MISSIONS, RECORDINGS, RIGS, VARIANT},
     mix,
 };
@@ -394,7 +394,7 @@ impl Plan {
                 entries.extend(flight.effects);
                 if let Err(error) = resolve_all(&entries) {
                     let variant = &self.file.variants[point.variant].name;
-                    let detail = format!("variant {variant} on rig {}: {}", rig.name, without_place(&error));
+                    let detail = format!("variant {variant} on rig {}: {}", rig.name, error.detail());
                     let problem = self.file.problem(VARIANT, detail);
                     if !problems.contains(&problem) {
                         problems.push(problem);

@@ -439,6 +439,28 @@ impl Reader<'_, '_> {
         }
     }
 
+    /// A text or a list of texts; empty where the key is absent.
+    pub fn texts(&mut self, key: &str) -> Vec<String> {
+        const EXPECTED: &str = "a text that is not empty, or a list of such texts";
+        let Some(node) = self.get(key) else { return Vec::new() };
+        let items = match &node.value {
+            Value::List(items) if !items.is_empty() => items.as_slice(),
+            Value::Text(_) => std::slice::from_ref(node),
+            _ => {
+                self.wrong_type(key, node, EXPECTED);
+                return Vec::new();
+            }
+        };
+        let mut texts = Vec::new();
+        for item in items {
+            match &item.value {
+                Value::Text(text) if !text.trim().is_empty() => texts.push(text.clone()),
+                _ => self.wrong_type(key, item, EXPECTED),
+            }
+        }
+        texts
+    }
+
     /// One of the named choices.
     pub fn choice<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
         let names: Vec<_> = choices.iter().map(|(name, _)| format!("{name:?}")).collect();
@@ -454,7 +476,8 @@ impl Reader<'_, '_> {
         }
     }
 
-    fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
+    /// One of the named choices; absent, the value stays what it is.
+    pub fn choice_or<T: Copy + PartialEq>(&mut self, key: &str, choices: &[(&str, T)], value: &mut T) {
         if self.get(key).is_some() {
             self.choice(key, choices, value);
         }

@@ -121,7 +121,7 @@ impl Suite {
         reader.text(DESCRIPTION, &mut self.description);
         self.port = maybe_text(reader, PORT);
         self.baselines = maybe_text(reader, BASELINES);
-        self.ask = texts(reader, ASK);
+        self.ask = reader.texts(ASK);
         let expected = "at least one [[case]]";
         let Some(node) = reader.require(CASE, expected) else { return };
         let Value::List(list) = &node.value else {
@@ -187,9 +187,9 @@ impl Case {
         reader.text(NAME, &mut self.name);
         self.description = maybe_text(reader, DESCRIPTION).unwrap_or_default();
         let _ = reader.require(RIG, "a rig's name or file, or a list of them");
-        self.rigs = texts(reader, RIG);
+        self.rigs = reader.texts(RIG);
         let _ = reader.require(MISSION, "a mission's name or file, or a list of them");
-        self.missions = texts(reader, MISSION);
+        self.missions = reader.texts(MISSION);
         choices(reader, MODE, &Mode::CHOICES, &mut self.modes);
         self.read_effects(reader);
         self.read_seeds(reader);
@@ -200,8 +200,8 @@ impl Case {
             let _ = reader.get(REPEATS);
         }
         self.repeats = repeats as u32;
-        self.tags = texts(reader, TAGS);
-        self.requirements = texts(reader, REQUIREMENTS);
+        self.tags = reader.texts(TAGS);
+        self.requirements = reader.texts(REQUIREMENTS);
         let criteria = [("count", MissionCriteria::Count), ("ignore", MissionCriteria::Ignore)];
         if reader.get(MISSION_CRITERIA).is_some() {
             reader.choice(MISSION_CRITERIA, &criteria, &mut self.mission_criteria);
@@ -223,7 +223,7 @@ impl Case {
         if reader.get(EFFECTS).is_none() {
             return;
         }
-        let sets = texts(reader, EFFECTS);
+        let sets = reader.texts(EFFECTS);
         let set = |text: &String| match text.as_str() {
             "none" => Vec::new(),
             text => text.split(" + ").map(|effect| effect.trim().to_owned()).collect(),
@@ -360,28 +360,6 @@ fn maybe_text(reader: &mut Reader<'_, '_>, key: &str) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// A text or a list of texts; empty where the key is absent.
-fn texts(reader: &mut Reader<'_, '_>, key: &str) -> Vec<String> {
-    const EXPECTED: &str = "a text that is not empty, or a list of such texts";
-    let Some(node) = reader.get(key) else { return Vec::new() };
-    let items = match &node.value {
-        Value::List(items) if !items.is_empty() => items.as_slice(),
-        Value::Text(_) => std::slice::from_ref(node),
-        _ => {
-            reader.wrong_type(key, node, EXPECTED);
-            return Vec::new();
-        }
-    };
-    let mut texts = Vec::new();
-    for item in items {
-        match &item.value {
-            Value::Text(text) if !text.trim().is_empty() => texts.push(text.clone()),
-            _ => reader.wrong_type(key, item, EXPECTED),
-        }
-    }
-    texts
-}
-
 /// One of the named choices or a list of them; absent, the value stays what it is.
 fn choices<T: Copy>(reader: &mut Reader<'_, '_>, key: &str, choices: &[(&str, T)], value: &mut Vec<T>) {
     if reader.get(key).is_none() {
@@ -389,7 +367,7 @@ fn choices<T: Copy>(reader: &mut Reader<'_, '_>, key: &str, choices: &[(&str, T)
     }
     let names: Vec<_> = choices.iter().map(|(name, _)| format!("{name:?}")).collect();
     let mut chosen = Vec::new();
-    for text in texts(reader, key) {
+    for text in reader.texts(key) {
         match choices.iter().find(|(name, _)| *name == text) {
             Some((_, choice)) => chosen.push(*choice),
             None => reader.contradiction(key, format!("{text:?} is none of {}", names.join(", "))),

@@ -117,6 +117,27 @@ impl EffectSpec {
     }
 }
 
+impl EffectError {
+    /// Where the effect was asked for; `None` of one that could not be read.
+    pub fn at(&self) -> Option<&Location> {
+        match self {
+            Self::UnknownEffect { at, .. }
+            | Self::UnknownParameter { at, .. }
+            | Self::MissingParameter { at, .. }
+            | Self::OutOfRange { at, .. }
+            | Self::Repeated { at, .. } => Some(at),
+            Self::Syntax { .. } => None,
+        }
+    }
+
+    /// The error in words, without the place.
+    pub fn detail(&self) -> String {
+        let words = self.to_string();
+        let place = self.at().map(|at| format!("{at}: ")).unwrap_or_default();
+        words.strip_prefix(&place).unwrap_or(&words).to_owned()
+    }
+}
+
 /// Why an effect could not be switched on.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum EffectError {

@@ -112,16 +112,8 @@ fn effects(entries: &[EffectEntry]) -> Vec<Told> {
 }
 
 fn effect(error: &EffectError) -> Told {
-    let words = error.to_string();
-    let at = match error {
-        EffectError::UnknownEffect { at, .. }
-        | EffectError::UnknownParameter { at, .. }
-        | EffectError::MissingParameter { at, .. }
-        | EffectError::OutOfRange { at, .. }
-        | EffectError::Repeated { at, .. } => at.clone(),
-        EffectError::Syntax { .. } => bench_rig::Location::default(),
-    };
-    let what = words.strip_prefix(&format!("{at}: ")).unwrap_or(&words).to_owned();
+    let at = error.at().cloned().unwrap_or_default();
+    let what = error.detail();
     let (what, hint) = match what.split_once("; ") {
         Some((what, hint)) => (what.to_owned(), Some(hint.to_owned())),
         None => (what, None),
