@@ -10,9 +10,6 @@ use bench_rig::Rig;
 
 use crate::commands::tracks::Selection;
 
-/// From this evidence on an axis is named, nats; the same as on the screen of `bench diagnose`.
-const REGION_NATS: f64 = 3.0;
-
 /// Diagnoses one case: its rig and its recordings, as a user would.
 pub fn diagnosed(rig: &Path, flights: Vec<PathBuf>) -> anyhow::Result<Answer> {
     let rig = Rig::load(rig)?;
@@ -81,7 +78,7 @@ fn group(diagnosis: &Diagnosis) -> Vec<String> {
 
 /// The axis with the strongest evidence.
 fn region(diagnosis: &Diagnosis) -> Option<&'static str> {
-    let regions = diagnosis.place.regions.iter().filter(|region| region.gain > REGION_NATS);
+    let regions = diagnosis.place.regions.iter().filter(|region| region.gain > diagnosis::PLAIN_NATS);
     let strongest = regions.max_by(|a, b| a.gain.total_cmp(&b.gain))?;
     Some(match strongest.axis {
         "vertical speed" => "speed",

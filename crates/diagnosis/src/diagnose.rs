@@ -91,6 +91,17 @@ pub enum Verdict {
     Unknown,
 }
 
+impl Verdict {
+    /// What it is of effects; none for a cause that nobody knows.
+    pub(crate) fn of(effects: Option<&[usize]>) -> Self {
+        match effects {
+            None => Self::Unknown,
+            Some([]) => Self::None,
+            Some(_) => Self::Effect,
+        }
+    }
+}
+
 /// One hypothesis.
 #[derive(Clone, Debug, Serialize)]
 pub struct Candidate {
@@ -247,6 +258,9 @@ pub struct FlightUsed {
     pub measurements: usize,
 }
 
+/// Evidence from which something counts as seen and is worth telling, nats: odds of 20 to 1.
+pub const PLAIN_NATS: f64 = 3.0;
+
 /// Sigmas of an interval of 90 %,
 const INTERVAL_SIGMAS: f64 = 1.645;
 /// and by how much sigma is wider, for measurements that are not quite independent.
@@ -279,11 +293,7 @@ impl Diagnosis {
         let likenesses = likenesses(problem, search, &candidates);
         let Answer { leading, alternatives, probability } = answer(&candidates, &likenesses);
         let top = &candidates[leading];
-        let verdict = match &top.indices {
-            None => Verdict::Unknown,
-            Some(effects) if effects.is_empty() => Verdict::None,
-            Some(_) => Verdict::Effect,
-        };
+        let verdict = Verdict::of(top.indices.as_deref());
         // What is named, or else the best that has a fit of its own, stands for "with the effect".
         let named =
             weighed.hypotheses.iter().find(|h| verdict == Verdict::Effect && h.names() == top.effects);
@@ -468,7 +478,11 @@ const LIKELY_TO_LEAD: f64 = 0.02;
 
 /// What the effects of all candidates look like that may lead.
 fn likenesses(problem: &Problem<'_>, search: &Search, candidates: &[Candidate]) -> Likenesses {
-    let likely = candidates.iter().filter(|candidate| candidate.probability > LIKELY_TO_LEAD);
+    // The first leads where nothing else is seen.
+    let may_lead = |(i, candidate): &(usize, &Candidate)| {
+        candidate.probability > LIKELY_TO_LEAD && (*i == 0 || candidate.evidence_gain > PLAIN_NATS)
+    };
+    let likely = candidates.iter().enumerate().filter(may_lead).map(|(_, candidate)| candidate);
     let mut fitted: Vec<(usize, Vec<f64>)> = Vec::new();
     for effect in likely.flat_map(|candidate| candidate.indices.iter().flatten()) {
         // Alone, or where it was first fitted beside another.

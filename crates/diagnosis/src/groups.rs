@@ -5,7 +5,7 @@ use bench_filter::{Direction, Pairs, is_random, run_for};
 use bench_inference::{Fit, Problem, directions, project};
 use bench_plant::effects::LIBRARY;
 
-use crate::diagnose::{Candidate, Likeness};
+use crate::diagnose::{Candidate, Likeness, PLAIN_NATS};
 
 /// Cosine beyond which two effects count as one.
 const SAME: f64 = 0.8;
@@ -106,14 +106,12 @@ pub struct Answer {
     pub probability: f64,
 }
 
-/// Evidence from which an effect counts as seen, nats: odds of 20 to 1. Of what is not, all effects look alike.
-const SEEN_NATS: f64 = 3.0;
-
 /// The answer of candidates that are sorted, most probable first.
 pub fn answer(candidates: &[Candidate], likenesses: &Likenesses) -> Answer {
     let effects = |i: usize| candidates[i].indices.as_deref().unwrap_or_default();
     let of = |leading: usize| {
-        let seen = |i: usize| candidates[i].evidence_gain > SEEN_NATS;
+        // Of what is not seen, all effects look alike.
+        let seen = |i: usize| candidates[i].evidence_gain > PLAIN_NATS;
         let alternatives: Vec<usize> = (0..candidates.len())
             .filter(|i| *i != leading && seen(leading) && seen(*i))
             .filter(|i| likenesses.interchangeable(effects(leading), effects(*i)))

@@ -31,8 +31,8 @@ pub use allowed::{Ahead, Off};
 pub use analysis::Analysis;
 pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
 pub use diagnose::{
-    Alternative, Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, ParameterValue,
-    Place, RegionTold, Verdict,
+    Alternative, Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, PLAIN_NATS,
+    ParameterValue, Place, RegionTold, Verdict,
 };
 pub use direct::Finding;
 pub use gap::{Figure, FlightGap, Gap, KStep};

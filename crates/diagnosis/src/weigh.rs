@@ -261,11 +261,7 @@ impl Weighed {
     pub fn told(&self) -> Told {
         let leading = leading(&self.probabilities, self.unknown);
         let effects = leading.map_or_else(Vec::new, |i| self.hypotheses[i].names());
-        let verdict = match leading {
-            None => Verdict::Unknown,
-            Some(_) if effects.is_empty() => Verdict::None,
-            Some(_) => Verdict::Effect,
-        };
+        let verdict = Verdict::of(leading.map(|i| self.hypotheses[i].effects.as_slice()));
         let probability = leading.map_or(self.unknown, |i| self.probabilities[i]);
         Told { verdict, effects, probability, none: self.none }
     }

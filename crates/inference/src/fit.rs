@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::{
     coordinate::{CEILING, Free, LOWEST_CEILING, effect_coordinates},
-    settle::{self, retimed},
+    settle::{self, with_likeliest_time},
 };
 
 /// What all fits of one diagnosis share.
@@ -216,9 +216,12 @@ impl<'a> Problem<'a> {
         Some(tracks)
     }
 
-    /// The null hypothesis: the rig's numbers within their tolerances, no effect.
+    /// The null hypothesis: the rig's numbers within their tolerances, no effect, and turbulence of the likeliest correlation time
+    /// beside them, which all other hypotheses take over.
     pub fn fit_null(&self) -> Fit {
-        retimed(self, self.refine(self.nominal.clone(), self.noise))
+        let fit = self.refine(self.nominal.clone(), self.noise);
+        let noise = with_likeliest_time(self, &fit, fit.noise, fit.objective);
+        if noise == fit.noise { fit } else { self.refine(fit.point, noise) }
     }
 
     /// One sigma of the logarithm of the turbulence before any flight.
@@ -262,6 +265,7 @@ impl<'a> Problem<'a> {
         numbers + 0.5 * sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() + settle::prior(self, noise)
     }
 
+    /// The coordinates that are fitted. Of the effects' parameters these are the ones that bend
     /// the prediction: all of those before the given slot, of the others those that do not have their default.
     pub(crate) fn free(&self, point: &Point, plain_from: usize) -> Vec<Free> {
         let mut free = Vec::new();

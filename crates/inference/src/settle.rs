@@ -4,10 +4,7 @@
 use bench_filter::Noise;
 use bench_rig::Disturbance;
 
-use crate::{
-    descent::{MAX_PASSES, WORTH},
-    fit::{Fit, Problem, TURBULENCE_TIMES_S},
-};
+use crate::fit::{Fit, Problem, TURBULENCE_TIMES_S};
 
 /// One of the noise's numbers that may be less than is usual.
 struct Part {
@@ -80,11 +77,11 @@ fn settled(problem: &Problem<'_>, fit: &Fit) -> Noise {
             }
         }
     }
-    likeliest_time(problem, fit, noise, best)
+    with_likeliest_time(problem, fit, noise, best)
 }
 
 /// Noise whose turbulence has the likeliest correlation time beside a fit, from noise of a given objective.
-fn likeliest_time(problem: &Problem<'_>, fit: &Fit, from: Noise, objective: f64) -> Noise {
+pub fn with_likeliest_time(problem: &Problem<'_>, fit: &Fit, from: Noise, objective: f64) -> Noise {
     let (mut noise, mut best) = (from, objective);
     let nearby = NEARBY_TIMES.map(|factor| factor * from.turbulence_time_s);
     for turbulence_time_s in TURBULENCE_TIMES_S.into_iter().chain(nearby) {
@@ -99,15 +96,4 @@ fn likeliest_time(problem: &Problem<'_>, fit: &Fit, from: Noise, objective: f64)
         }
     }
     noise
-}
-
-/// A fit without effects under turbulence of the likeliest correlation time beside it, which all other hypotheses take over.
-pub fn retimed(problem: &Problem<'_>, fit: Fit) -> Fit {
-    let noise = likeliest_time(problem, &fit, fit.noise, fit.objective);
-    if noise == fit.noise {
-        return fit;
-    }
-    let mut descent = problem.descent(fit.point, noise, 0);
-    descent.go(problem, MAX_PASSES, WORTH);
-    descent.into_fit()
 }

@@ -1,12 +1,10 @@
 //! What terminal and page say in the same words.
 
+pub use bench_diagnosis::PLAIN_NATS;
 use bench_diagnosis::{Diagnosis, Figure, Number, ParameterValue, RegionTold, Verdict};
 use bench_page::digits;
 use bench_plant::effects::{EffectSpec, LIBRARY, Parameter};
 use bench_rig::Actuation;
-
-/// Evidence from which structure is worth telling, nats: odds of 20 to 1.
-pub const PLAIN_NATS: f64 = 3.0;
 
 /// The verdict in a sentence, without its probability.
 pub fn sentence(diagnosis: &Diagnosis) -> String {
