@@ -5,42 +5,18 @@
 mod writers;
 
 use std::{
-    alloc::{GlobalAlloc, Layout, System},
     fs::File,
     io::{BufWriter, Write as _},
     ops::ControlFlow,
     path::Path,
-    sync::atomic::{AtomicUsize, Ordering},
 };
 
 use bench_logs::{Format, Sample, Topic, Visitor, scan};
+use peak_alloc::PeakAlloc;
 use writers::{Ulog, floats};
 
-/// Counts what is allocated and keeps the peak.
-struct Counting;
-
-static HELD: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: hands everything on to the system's allocator and only counts.
-#[allow(unsafe_code, reason = "an allocator cannot be written without")]
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        let held = HELD.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
-        PEAK.fetch_max(held, Ordering::Relaxed);
-        // SAFETY: the caller's promise is handed on.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: the caller's promise is handed on.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: PeakAlloc = PeakAlloc;
 
 /// A log is made of so many samples, over and over.
 const SAMPLES: u64 = 10_000;
@@ -84,12 +60,12 @@ impl Visitor for Count {
 fn peak(folder: &Path, megabytes: usize) -> usize {
     let path = folder.join("log.ulg");
     let samples = write(&path, megabytes);
-    let before = HELD.load(Ordering::Relaxed);
-    PEAK.store(before, Ordering::Relaxed);
+    ALLOCATOR.reset_peak_usage();
+    let before = ALLOCATOR.current_usage();
     let mut count = Count::default();
     let losses = scan(&path, Format::Ulog, &mut count).unwrap();
     assert!(losses.is_none() && count.0 == samples, "{losses:?}, {} of {samples}", count.0);
-    PEAK.load(Ordering::Relaxed) - before
+    ALLOCATOR.peak_usage() - before
 }
 
 #[test]

@@ -1,10 +1,6 @@
 //! Comparing recordings takes memory that does not grow with them.
 
-use std::{
-    alloc::{GlobalAlloc, Layout, System},
-    path::{Path, PathBuf},
-    sync::atomic::{AtomicUsize, Ordering},
-};
+use std::path::{Path, PathBuf};
 
 use bench_device::{PositionSample, Sticks, Time, TrackStatus};
 use bench_recording::{
@@ -12,32 +8,10 @@ use bench_recording::{
     diff::{DiffOptions, Verdict, diff},
 };
 use bench_rig::Phase;
-
-/// Counts what is allocated and keeps the peak.
-struct Counting;
-
-static HELD: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: hands everything on to the system's allocator and only counts.
-#[allow(unsafe_code, reason = "an allocator cannot be written without")]
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        let held = HELD.fetch_add(layout.size(), Ordering::Relaxed) + layout.size();
-        PEAK.fetch_max(held, Ordering::Relaxed);
-        // SAFETY: the caller's promise is handed on.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: the caller's promise is handed on.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
+use peak_alloc::PeakAlloc;
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: PeakAlloc = PeakAlloc;
 
 /// `messages` records of four channels at 250 Hz each, with noise that no two seeds share.
 fn write(path: PathBuf, messages: u64, seed: u64) -> PathBuf {
@@ -69,12 +43,12 @@ fn write(path: PathBuf, messages: u64, seed: u64) -> PathBuf {
 fn peak_of_diff(folder: &Path, messages: u64) -> usize {
     let a = write(folder.join("a.mcap"), messages, 1);
     let b = write(folder.join("b.mcap"), messages, 2);
-    let before = HELD.load(Ordering::Relaxed);
-    PEAK.store(before, Ordering::Relaxed);
+    ALLOCATOR.reset_peak_usage();
+    let before = ALLOCATOR.current_usage();
     let report = diff(&a, &b, &DiffOptions::default()).expect("a report");
     assert_eq!(report.verdict(), Verdict::WithinTolerance, "{}", report.summary);
     assert_eq!(report.a.records, messages);
-    PEAK.load(Ordering::Relaxed) - before
+    ALLOCATOR.peak_usage() - before
 }
 
 #[test]
