@@ -222,24 +222,18 @@ fn what_is_submitted_to_slurm_runs_the_shards() {
     assert!(refused(without, 2).contains("--no-submit"));
 }
 
+/// What hands a plan to Kubernetes, in four shards.
+fn kubernetes<'a>(plan: &'a str, folder: &'a str) -> [&'a str; 11] {
+    let image = "r.example/b:1";
+    ["sweep", "kubernetes", plan, "-o", folder, "--shards", "4", "--image", image, "--claim", "c"]
+}
+
 #[test]
 fn what_kubernetes_runs_names_the_shard_by_the_pods_index() {
     let scratch = Scratch::new();
     let plan = plan(&scratch, PLAN);
     let folder = scratch.name("swept");
-    let arguments = [
-        "sweep",
-        "kubernetes",
-        &plan,
-        "-o",
-        &folder,
-        "--shards",
-        "4",
-        "--image",
-        "r.example/b:1",
-        "--claim",
-        "c",
-    ];
+    let arguments = kubernetes(&plan, &folder);
     bench(arguments).assert().success();
     let manifest = fs::read_to_string(scratch.path("swept/kubernetes/job.yaml")).unwrap();
     // What the pod's shell is told, as YAML quotes it.
@@ -271,20 +265,7 @@ fn python_reads_the_results_and_kubernetes_takes_the_manifest() {
     let plan = plan(&scratch, PLAN);
     let folder = scratch.name("swept");
     let told = json(&bench(["sweep", "run", &plan, "-o", &folder, "--json"]).assert().success());
-    let hand = [
-        "sweep",
-        "kubernetes",
-        &plan,
-        "-o",
-        &folder,
-        "--shards",
-        "4",
-        "--image",
-        "r.example/b:1",
-        "--claim",
-        "c",
-    ];
-    bench(hand).assert().success();
+    bench(kubernetes(&plan, &folder)).assert().success();
     let script = root().join("tests/user/sweep.py");
     let output = Command::new(python).arg(script).arg(&folder).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
