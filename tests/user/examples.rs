@@ -21,7 +21,10 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("--foxglove", "needs a program built with a server for Foxglove; tests/user/foxglove.rs is its viewer"),
     ("sudo bench udev --install", "changes the system; tests/user/packaging.rs installs into another folder"),
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
-    ("--model sim-*.ulg", "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it"),
+    (
+        "--model sim-*.ulg --test real-*.ulg",
+        "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it",
+    ),
     (
         "/shared/",
         "needs a folder that several machines share; tests/user/sweep.rs runs shards, tests/slurm a cluster",
@@ -94,6 +97,10 @@ const FIXTURES: &[(&str, &str)] = &[
     ("flight-1.mcap", FLIGHTS_WITH_A_LAG),
     ("log-*.mcap", "for s in 1 2; do bench sim --seed $s -o log-$s.mcap; done"),
     ("other-*.mcap", "for s in 4 5; do bench sim --seed $s -o other-$s.mcap; done"),
+    (
+        "good/*.mcap",
+        "mkdir -p good bad && for s in 1 2 3 4; do bench sim --model vertical --seed $s -o good/$s.mcap; bench sim --model vertical --effect rotor-lag:time_constant_s=0.12 --seed 9$s -o bad/$s.mcap; done",
+    ),
     ("nominal-*.mcap", "for s in 1 2 3; do bench sim --model vertical --seed $s -o nominal-$s.mcap; done"),
     ("nominal-*.ulg", "for s in 1 2 3; do cp log.ulg nominal-$s.ulg; done"),
     ("launch-*.mcap", "for s in 1 2 3; do bench sim --model vertical --seed $s -o launch-$s.mcap; done"),

@@ -11,9 +11,9 @@ use bench_rig::Rig;
 use crate::commands::tracks::Selection;
 
 /// Diagnoses one case: its rig and its recordings, as a user would.
-pub fn diagnosed(rig: &Path, flights: Vec<PathBuf>) -> anyhow::Result<Answer> {
+pub fn diagnosed(rig: &Path, flights: &[PathBuf]) -> anyhow::Result<Answer> {
     let rig = Rig::load(rig)?;
-    let (tracks, unusable) = Selection::whole(flights).tracks(&rig, |_, _| ())?;
+    let (tracks, unusable) = Selection::default().tracks(flights, &rig, |_, _| ())?;
     if tracks.is_empty() {
         bail!("none of the flights can be diagnosed: {}", unusable.join("; "));
     }

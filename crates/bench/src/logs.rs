@@ -25,7 +25,7 @@ impl Flown {
     pub fn read(path: &Path, map: Option<&Path>) -> anyhow::Result<Self> {
         let name = path.display().to_string();
         let kind = FileKind::of(path).with_context(|| format!("cannot read {name}"))?;
-        if map.is_none() && kind == FileKind::Mcap && is_own(path) {
+        if kind == FileKind::Mcap && is_own(path) {
             let flight = Flight::load(path)?;
             let actuation = actuation(&flight);
             return Ok(Self { name, flight, actuation, survey: None });
@@ -68,14 +68,20 @@ pub fn kind(path: &Path) -> Option<FileKind> {
     FileKind::of(path).ok().filter(|kind| matches!(kind, FileKind::Ulog | FileKind::Dataflash))
 }
 
-/// The flight of a recording, or of a log that `bench import` reads without a map's name.
-pub fn flight(path: &Path) -> anyhow::Result<Flight> {
-    if kind(path).is_some() { Ok(Flown::read(path, None)?.flight) } else { Ok(Flight::load(path)?) }
+/// The flight of a recording, or of a log, by the map named or by the one that `bench import` takes without a name.
+pub fn flight(path: &Path, map: Option<&Path>) -> anyhow::Result<Flight> {
+    if is_log(path, map) { Ok(Flown::read(path, map)?.flight) } else { Ok(Flight::load(path)?) }
+}
+
+/// Whether a file is read as a log: those that need a map only where one is named.
+fn is_log(path: &Path, map: Option<&Path>) -> bool {
+    kind(path).is_some()
+        || map.is_some() && FileKind::of(path).is_ok_and(|kind| kind != FileKind::Mcap || !is_own(path))
 }
 
 /// What a recording says of itself; nothing of a log.
-pub fn session(path: &Path) -> anyhow::Result<Session> {
-    if kind(path).is_some() {
+pub fn session(path: &Path, map: Option<&Path>) -> anyhow::Result<Session> {
+    if is_log(path, map) {
         Ok(Session::new(Mode::Import))
     } else {
         Ok(Recording::open(path)?.session().clone())

@@ -20,6 +20,7 @@ mod library;
 mod live;
 mod logs;
 mod model_page;
+mod nominal;
 mod progress;
 mod recorded;
 mod recorded_views;

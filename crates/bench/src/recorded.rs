@@ -51,12 +51,13 @@ impl<T> Recorded<T> {
     /// used once: of one that holds less of it, nothing is made.
     pub fn read(
         paths: &[PathBuf],
+        map: Option<&Path>,
         mut make: impl FnMut(&Path, Flight) -> anyhow::Result<T>,
     ) -> anyhow::Result<Self> {
         let mut known: Vec<(&Path, Vec<PositionSample>, T)> = Vec::new();
         let mut remarks = Vec::new();
         for path in paths {
-            let flight = logs::flight(path)?;
+            let flight = logs::flight(path, map)?;
             let seen = flight.positions.clone();
             let Some((before, seen_before, made)) =
                 known.iter_mut().find(|(_, before, _)| is_same_flight(before, &seen))
@@ -115,10 +116,10 @@ fn is_same_flight(a: &[PositionSample], b: &[PositionSample]) -> bool {
 
 impl NominalRig {
     /// The model for these recordings: the one given, held against what they carry, or else the one that all of them carry.
-    pub fn resolve(&self, paths: &[PathBuf]) -> anyhow::Result<Nominal> {
+    pub fn resolve(&self, paths: &[PathBuf], map: Option<&Path>) -> anyhow::Result<Nominal> {
         let sessions = paths
             .iter()
-            .map(|path| Ok((path.as_path(), logs::session(path)?)))
+            .map(|path| Ok((path.as_path(), logs::session(path, map)?)))
             .collect::<anyhow::Result<Vec<(&Path, Session)>>>()?;
         let attached = attached(&sessions)?;
         let nominal = match &self.rig {

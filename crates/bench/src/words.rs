@@ -3,6 +3,7 @@
 use std::{
     fmt,
     io::{self, Write},
+    path::Path,
 };
 
 use bench_page::{HEADING, Tone};
@@ -57,6 +58,11 @@ pub fn quoted(word: &str) -> String {
 pub fn command() -> String {
     let given = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
     std::iter::once("bench".to_owned()).chain(given).collect::<Vec<_>>().join(" ")
+}
+
+/// The name of a file without its folder.
+pub fn file_name(path: &str) -> String {
+    Path::new(path).file_name().map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Four digits at most, as plain as they can be.

@@ -17,7 +17,7 @@ use crate::{
     next_flight::{NextFlight, close},
     stage::{StageShare, stages},
     trace::{Trace, traces},
-    weigh::{Grounds, Hypothesis, Weighed},
+    weigh::{Grounds, Hypothesis, UNKNOWN, Weighed},
 };
 
 /// What a diagnosis says: the evidence, and what it comes to. How sure it must be to be told is for those who report it, who put
@@ -424,7 +424,7 @@ fn candidates(problem: &Problem<'_>, weighed: &Weighed, search: &Search, direct:
     all.push(Candidate {
         effects: Vec::new(),
         indices: None,
-        name: "unknown".to_owned(),
+        name: UNKNOWN.to_owned(),
         probability: weighed.unknown,
         evidence_gain: weighed.unknown_gain,
         grounds: None,

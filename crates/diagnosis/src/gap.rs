@@ -3,7 +3,6 @@
 use bench_filter::{Noise, Point, Prediction, Track, is_random, predict};
 use bench_inference::{Consistency, Fit, Problem};
 use bench_statistics::bootstrap;
-use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -115,7 +114,7 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         .map(|i| {
             let track = &problem.tracks[i];
             let fly = |point: &Point, noise: &Noise| predict(track, problem.rig, point, noise);
-            let point = |fit: &Fit| if held_out { without_track(fit, i) } else { fit.point.clone() };
+            let point = |fit: &Fit| if held_out { fit.point_without(i) } else { fit.point.clone() };
             [fly(&problem.nominal, &without), fly(&point(null), &without), fly(&point(best), &with_effect)]
         })
         .collect();
@@ -187,28 +186,4 @@ fn flight_gap(track: &Track, passes: &[Prediction; 3], sums: &Sums) -> FlightGap
         nominal: Consistency::of(&passes[0].innovations),
         with_effect: Consistency::of(&passes[2].innovations),
     }
-}
-
-/// The fit without one track, by one Newton step: without it, its share of the gradient is what is left.
-fn without_track(fit: &Fit, track: usize) -> Point {
-    let Some(pass) = fit.pass.tracks.get(track) else { return fit.point.clone() };
-    let slopes =
-        DVector::from_iterator(fit.free.len(), fit.free.iter().map(|f| f.slope(fit.point.get(f.at))));
-    if pass.gradient.len() != slopes.len() {
-        return fit.point.clone();
-    }
-    let mut hessian = fit.hessian.clone();
-    for i in 0..slopes.len() {
-        for j in 0..slopes.len() {
-            hessian[(i, j)] -= pass.information[(i, j)] * slopes[i] * slopes[j];
-        }
-    }
-    let gradient = -pass.gradient.component_mul(&slopes);
-    let Some(step) = hessian.cholesky().map(|h| h.solve(&gradient)) else { return fit.point.clone() };
-    let mut point = fit.point.clone();
-    for (f, dx) in fit.free.iter().zip(step.iter()) {
-        let limit = 2.0 * f.sigma;
-        *point.get_mut(f.at) = f.value(f.own(point.get(f.at)) + dx.clamp(-limit, limit));
-    }
-    point
 }

@@ -15,6 +15,7 @@ mod allowed;
 mod analysis;
 mod calibration;
 mod chain;
+mod control;
 mod cycle;
 mod diagnose;
 mod direct;
@@ -30,6 +31,7 @@ pub use agree::{Agreeing, Disagreement};
 pub use allowed::{Ahead, Off};
 pub use analysis::Analysis;
 pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
+pub use control::{Fold, held_out};
 pub use diagnose::{
     Alternative, Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, PLAIN_NATS,
     ParameterValue, Place, RegionTold, Verdict,

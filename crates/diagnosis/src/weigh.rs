@@ -3,6 +3,7 @@
 use bench_filter::{is_random, spread};
 use bench_inference::{Fit, MANY_FLIGHTS, Problem, Regions, Search, Waves, own_axes, pulses, regions, waves};
 use bench_plant::effects::{LIBRARY, Spread};
+use bench_rig::HeldOut;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -78,6 +79,9 @@ const FORM_LEFT_OF_GAIN: f64 = 0.05;
 /// fifteen tuning cases of three simulators), nats and share of its gain.
 const FORGIVEN_OF_FADING: (f64, f64) = (3.5, 0.02);
 
+/// The hypothesis that no effect of the library explains the gap.
+pub const UNKNOWN: &str = "unknown";
+
 /// A hypothesis with what speaks for it.
 pub struct Hypothesis {
     /// Library indices; none for the null.
@@ -94,9 +98,16 @@ pub struct Hypothesis {
     pub grounds: Grounds,
     /// What a second effect must gain before it counts.
     forgiven: f64,
+    /// What the model's own error gains it in so many measurements.
+    nominal: f64,
 }
 
 impl Hypothesis {
+    /// What of its gain counts, nats.
+    pub fn counted(&self) -> f64 {
+        self.gain - self.forgiven - self.nominal
+    }
+
     /// The effects' names.
     pub fn names(&self) -> Vec<&'static str> {
         self.effects.iter().map(|index| LIBRARY[*index].name).collect()
@@ -151,10 +162,9 @@ impl Weighed {
     pub fn of(problem: &Problem<'_>, search: &Search, direct: &Direct, calibration: &Calibration) -> Self {
         let on_null = regions(problem, &search.fits[0]);
         let crowd = crowd(problem);
-        let mut hypotheses = hypotheses(search, direct, crowd);
-        let weight = |h: &Hypothesis| {
-            calibration.ln_prior(&h.effects) + (h.gain - h.forgiven) / calibration.temperature
-        };
+        let mut hypotheses = hypotheses(problem, search, direct, crowd);
+        let weight =
+            |h: &Hypothesis| calibration.ln_prior(&h.effects) + h.counted() / calibration.temperature;
         let by_weight = |a: &Hypothesis, b: &Hypothesis| weight(b).total_cmp(&weight(a));
         hypotheses.sort_by(by_weight);
         weigh_forms(problem, search, &on_null, &mut hypotheses);
@@ -190,13 +200,12 @@ impl Weighed {
         // Wind never leaves anything: it takes in what it does not explain.
         let nothing_left = !only_gusts && rest.most().max(pulses).max(odd) < NOTHING_LEFT_NATS;
         let unknown_gain = best.gain + left;
+        let nominal_unknown = nominal_gain(problem, &[UNKNOWN]);
         let posterior = |temperature: f64| {
             let at = |prior: f64, gain: f64| prior + gain / temperature;
-            let mut weights: Vec<f64> = hypotheses
-                .iter()
-                .map(|h| at(calibration.ln_prior(&h.effects), h.gain - h.forgiven))
-                .collect();
-            weights.push(at(calibration.ln_prior_unknown, unknown_gain));
+            let mut weights: Vec<f64> =
+                hypotheses.iter().map(|h| at(calibration.ln_prior(&h.effects), h.counted())).collect();
+            weights.push(at(calibration.ln_prior_unknown, unknown_gain - nominal_unknown));
             let highest = weights.iter().copied().fold(f64::MIN, f64::max);
             let total: f64 = weights.iter().map(|w| (w - highest).exp()).sum();
             weights.into_iter().map(|w| (w - highest).exp() / total).collect::<Vec<f64>>()
@@ -255,6 +264,12 @@ impl Weighed {
             waves_on_best,
             pulses,
         }
+    }
+
+    /// What of the gain of each hypothesis counts, `unknown` among them, nats.
+    pub fn counted(&self) -> impl Iterator<Item = (String, f64)> + '_ {
+        let named = self.hypotheses.iter().filter(|h| !h.effects.is_empty());
+        named.map(|h| (h.names().join("+"), h.counted())).chain([(UNKNOWN.to_owned(), self.unknown_gain)])
     }
 
     /// What is told of it.
@@ -391,12 +406,21 @@ fn hide(
         return;
     }
     let direct = direct.clone();
-    hypotheses.push(Hypothesis { effects, fit, direct, gain, regions: None, grounds, forgiven: 0.0 });
+    hypotheses.push(Hypothesis {
+        effects,
+        fit,
+        direct,
+        gain,
+        regions: None,
+        grounds,
+        forgiven: 0.0,
+        nominal: 0.0,
+    });
     probabilities.push(probability);
 }
 
 /// All hypotheses of at most two effects that were fitted or read.
-fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
+fn hypotheses(problem: &Problem<'_>, search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
     let mut all: Vec<Hypothesis> = Vec::new();
     let mut add = |fit: usize, read: &[usize]| {
         let fitted = search.fits[fit].effects();
@@ -436,7 +460,18 @@ fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
         let flown = |effect: usize| direct.lag_of_pins == Some(effect) && fitted.contains(&effect);
         let told_by = |effect: &usize| (read.contains(effect) || read_back(*effect)) && !flown(*effect);
         let read_directly = effects.iter().copied().filter(told_by).collect();
-        all.push(Hypothesis { effects, fit, direct: read_directly, gain, regions: None, grounds, forgiven });
+        let names: Vec<&str> = effects.iter().map(|effect| LIBRARY[*effect].name).collect();
+        let nominal = nominal_gain(problem, &names);
+        all.push(Hypothesis {
+            effects,
+            fit,
+            direct: read_directly,
+            gain,
+            regions: None,
+            grounds,
+            forgiven,
+            nominal,
+        });
     };
     // A lag that pins were read to have moves what flies, too.
     let lag = direct.lag_of_pins.filter(|lag| search.fits.iter().any(|fit| fit.effects().contains(lag)));
@@ -457,6 +492,14 @@ fn hypotheses(search: &Search, direct: &Direct, crowd: f64) -> Vec<Hypothesis> {
         }
     }
     all
+}
+
+/// What nominal flights of as many measurements would gain a hypothesis of these names by the model's own error, as the rig tells it:
+/// of a pair at least what one of it does.
+fn nominal_gain(problem: &Problem<'_>, names: &[&str]) -> f64 {
+    let holds = |told: &HeldOut| told.hypothesis.split('+').all(|name| names.contains(&name));
+    let told = problem.rig.held_out.iter().filter(|told| holds(told)).map(|told| told.nats_per_measurement);
+    told.fold(0.0, f64::max) * problem.counted() as f64
 }
 
 /// How often there are many flights: what each leaves, however little, they leave together, and so much more is forgiven.

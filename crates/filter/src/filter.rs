@@ -138,8 +138,8 @@ impl Filter {
     fn fly(&mut self, track: &Track, rig: &Rig, learns_from: LearnsFrom, passengers: &mut impl Passenger) {
         let mut now = track.begin_s;
         let mut input = track.inputs.partition_point(|input| input.time_s <= now).max(1) - 1;
-        if let Some(before) = input.checked_sub(1) {
-            // What lags comes from what was held at rest, not from the launch.
+        // What lags comes from what was held at rest, not from the launch; in the air, from what is first known.
+        if let Some(before) = input.checked_sub(1).or(track.begins_aloft.then_some(input)) {
             self.holds.push(Hold { h: AT_REST_S, throttle: track.inputs[before].throttle });
             self.law.hold(&self.holds);
             self.law.advance(AT_REST_S, 0.0, 0.0);

@@ -47,6 +47,8 @@ pub struct Track {
     pub measurements: Vec<Measurement>,
     /// When the throttle first exceeds where thrust begins, s.
     pub begin_s: f64,
+    /// Whether the airframe was first seen in the air: the log begins there, or its altitude does.
+    pub begins_aloft: bool,
     /// When it last does, s.
     pub end_s: f64,
     /// One sigma of the exposures' times, s.
@@ -135,6 +137,8 @@ const LEAST_MEASUREMENTS: usize = 20;
 const BEFORE_S: f64 = 0.5;
 /// Above this altitude it has flown, m.
 const FLOWN_M: f64 = 0.03;
+/// So many measurements tell a speed.
+const FIRST_SEEN: usize = 2;
 /// Below this one it has come back, m.
 const LANDED_M: f64 = 0.009;
 /// Nothing counts for this long after it came back, s.
@@ -200,10 +204,12 @@ impl Track {
         // Chosen once, by the tracker's own times, so that every hypothesis is held against the same measurements.
         let begin_s = inputs[first].time_s;
         measurements.retain(|s| (begin_s - BEFORE_S..=end_s).contains(&s.exposed_s));
+        let begins_aloft = begins_aloft(&mut measurements, begin_s);
         mask_contacts(&mut measurements, begin_s);
         Self {
             name: flight_name(),
             begin_s,
+            begins_aloft,
             end_s,
             inputs,
             measurements,
@@ -466,6 +472,18 @@ fn latency_when_recorded_s(flight: &Flight) -> Option<f64> {
     }
     let rig = Rig::read(std::path::Path::new("recording"), flight.rig_toml()?).ok()?;
     Some(rig.tracker.latency_s.value)
+}
+
+/// Whether nothing was seen at rest. The filter then takes the airframe to be where it was first seen, and as fast as the first two
+/// measurements that some throttle is known for tell.
+fn begins_aloft(measurements: &mut Vec<Measurement>, begin_s: f64) -> bool {
+    if measurements.len() < FIRST_SEEN || measurements[..FIRST_SEEN].iter().any(|first| first.z_m <= FLOWN_M)
+    {
+        return false;
+    }
+    measurements.retain(|measurement| measurement.exposed_s >= begin_s);
+    measurements.iter_mut().take(FIRST_SEEN).for_each(|first| first.carried = true);
+    true
 }
 
 /// Leaves out what follows a return to the ground.

@@ -6,7 +6,9 @@ use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
 use serde::Serialize;
 
 use crate::{
+    blocks::Block,
     error::IdentifyError,
+    laws::NominalLaw,
     noise, plausible,
     spread::{Says, between_flights, common_information},
 };
@@ -25,6 +27,8 @@ pub struct FlightIdentification {
     pub schema: &'static str,
     /// The rig's numbers, before and after.
     pub numbers: Vec<IdentifiedNumber>,
+    /// Laws of the library that were found to belong to the model, in the order in which they were found.
+    pub laws: Vec<NominalLaw>,
     /// One sigma of a measurement without rounding, m: before and after.
     pub tracker_noise_m: [f64; 2],
     /// White acceleration, m/s^2 per root Hz.
@@ -52,6 +56,10 @@ pub struct FlightIdentification {
     /// The rig with the numbers found.
     #[serde(skip)]
     pub rig: Rig,
+    /// Flights left out, each block with the model of the others; empty where there are fewer than [`crate::LEAST_FLIGHTS`], and
+    /// where that was not asked for.
+    #[serde(skip)]
+    pub blocks: Vec<Block>,
 }
 
 /// One of the rig's numbers, before and after.
@@ -302,6 +310,7 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
     FlightIdentification {
         schema: "bench.identification/1",
         numbers,
+        laws: Vec::new(),
         tracker_noise_m: [rig.tracker.noise_m, out.tracker.noise_m],
         white_m_s2_per_root_hz: noise.acceleration,
         timing_s: noise.jitter_s,
@@ -315,5 +324,6 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
         flights,
         warnings: Vec::new(),
         rig: out,
+        blocks: Vec::new(),
     }
 }

@@ -2,6 +2,9 @@
 //!
 //! The flights share the force law with the fit: they show that it does what it should.
 
+#[path = "support/flown.rs"]
+mod flown;
+
 use std::path::Path;
 
 use bench_diagnosis::{Calibration, Diagnosis, Verdict};
@@ -9,49 +12,13 @@ use bench_filter::Track;
 use bench_identification::{FlightIdentification, IdentifyError, identify_flights};
 use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
-use bench_recording::{Flight, Mode, Motion, Record, Session};
-use bench_rig::{Actuation, Mission, Model, Rig, Uncertain};
-use bench_run::simulate;
+use bench_recording::{Flight, Motion};
+use bench_rig::{Actuation, Rig, Uncertain};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-fn rigs() -> std::path::PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs")
-}
-
-fn virtual_rig() -> Rig {
-    let mut rig = Rig::load(rigs().join("virtual.toml")).unwrap();
-    rig.plant.model = Model::Vertical;
-    // Wide, as nobody has been on a balance yet; the mass alone is known.
-    let a = &mut rig.airframe;
-    a.mass_kg.sigma = 0.0;
-    a.thrust.gain_n_per_unit.sigma = 0.08 * a.thrust.gain_n_per_unit.value;
-    a.thrust.offset.sigma = 0.08;
-    a.drag_n_s_per_m.sigma = 0.008;
-    rig.tracker.latency_s.sigma = 0.03;
-    rig
-}
-
-fn record(rig: &Rig, mission: &str, seed: u64) -> Flight {
-    let mission = Mission::load(rigs().join("missions").join(mission).with_extension("toml")).unwrap();
-    let mut records: Vec<Record> = Vec::new();
-    simulate(rig, &mission, seed, &mut records, |_| true).unwrap();
-    let mut session = Session::new(Mode::Sim);
-    session.rig_toml = Some(rig.to_toml());
-    Flight::from_records(session, records)
-}
-
-/// Flights of a real airframe, whose tracker believes what the prior rig says.
-fn fly(real: &Rig, seeds: std::ops::Range<u64>, missions: &[&str]) -> Vec<Flight> {
-    seeds.map(|seed| record(real, missions[seed as usize % missions.len()], seed)).collect()
-}
-
-fn tracks(flights: &[Flight], rig: &Rig) -> Vec<Track> {
-    flights.iter().enumerate().map(|(i, f)| Track::from_flight(&format!("{i}"), f, rig).unwrap()).collect()
-}
-
-const MISSIONS: [&str; 3] = ["steps", "climb-040", "low-hover"];
+use flown::{MISSIONS, fly, record, tracks, virtual_rig};
 
 fn number<'a>(found: &'a FlightIdentification, name: &str) -> &'a bench_identification::IdentifiedNumber {
     found.numbers.iter().find(|number| number.name == name).unwrap()

@@ -4,9 +4,9 @@ use bench_filter::{
     Coordinate, Noise, Pass, Point, Prediction, Track, added, is_random, nll, nll_of_all, predict,
 };
 use bench_plant::effects::{LIBRARY, PerNumber, RigNumber};
-use bench_rig::Rig;
+use bench_rig::{EffectEntry, Location, Rig};
 use bench_statistics::Sorted;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::{
@@ -60,6 +60,24 @@ impl Fit {
     /// The effects' library indices.
     pub fn effects(&self) -> Vec<usize> {
         self.point.effect_indices()
+    }
+
+    /// The effects with their values, as a rig lists them.
+    pub fn as_listed(&self) -> Vec<EffectEntry> {
+        let entry = |(effect, values): &(usize, Vec<f64>)| {
+            let spec = LIBRARY[*effect];
+            EffectEntry {
+                name: spec.name.to_owned(),
+                parameters: spec
+                    .parameters
+                    .iter()
+                    .zip(values)
+                    .map(|(p, value)| (p.key.to_owned(), *value, 0))
+                    .collect(),
+                at: Location { file: "identified".into(), line: 0 },
+            }
+        };
+        self.point.effects.iter().map(entry).collect()
     }
 
     /// Whether the Hessian is not positive definite: the flights then do not say how far the numbers are off, and the fit has no evidence.
@@ -117,6 +135,30 @@ impl Fit {
             let own = f.own(value);
             Some((slot, parameter, value, [f.value(own - half), f.value(own + half)]))
         })
+    }
+
+    /// The mode without one of the flights, by one Newton step: without it, its share of the gradient is what is left.
+    pub fn point_without(&self, track: usize) -> Point {
+        let Some(pass) = self.pass.tracks.get(track) else { return self.point.clone() };
+        let slopes =
+            DVector::from_iterator(self.free.len(), self.free.iter().map(|f| f.slope(self.point.get(f.at))));
+        if pass.gradient.len() != slopes.len() {
+            return self.point.clone();
+        }
+        let mut hessian = self.hessian.clone();
+        for i in 0..slopes.len() {
+            for j in 0..slopes.len() {
+                hessian[(i, j)] -= pass.information[(i, j)] * slopes[i] * slopes[j];
+            }
+        }
+        let gradient = -pass.gradient.component_mul(&slopes);
+        let Some(step) = hessian.cholesky().map(|h| h.solve(&gradient)) else { return self.point.clone() };
+        let mut point = self.point.clone();
+        for (f, dx) in self.free.iter().zip(step.iter()) {
+            let limit = 2.0 * f.sigma;
+            *point.get_mut(f.at) = f.value(f.own(point.get(f.at)) + dx.clamp(-limit, limit));
+        }
+        point
     }
 }
 

@@ -43,6 +43,23 @@ pub fn fitted_effects() -> Vec<usize> {
     shown_as(Shows::Law).collect()
 }
 
+/// Library indices of the effects whose laws these flights may show.
+fn laws(problem: &Problem<'_>) -> Vec<usize> {
+    let mut effects = fitted_effects();
+    if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
+        effects.extend(shown_as(Shows::LawWhenTilted));
+    }
+    effects
+}
+
+/// Fits of one law more that are worth it, most evident first, each on top of a fit whose laws are fitted along.
+pub fn with_one_law_more(problem: &Problem<'_>, base: &Fit) -> Vec<Fit> {
+    let others: Vec<usize> =
+        laws(problem).into_iter().filter(|effect| !base.effects().contains(effect)).collect();
+    let promises = problem.promises(base, &others, SINGLES_REFINED);
+    refine(problem, base, promises, SINGLES_UNFOLDED)
+}
+
 impl Search {
     /// Fits all hypotheses that are worth it. Of many flights a few show the way: there fits begin near where they end.
     pub fn of(problem: &Problem<'_>) -> Self {
@@ -56,10 +73,7 @@ impl Search {
             None => problem.fit_null(),
             Some(guide) => settle(problem, problem.refine(guide.fits[0].point.clone(), guide.fits[0].noise)),
         };
-        let mut effects = fitted_effects();
-        if problem.tracks.iter().flat_map(|track| &track.tilt).any(|(_, cosine)| *cosine < TILTED) {
-            effects.extend(shown_as(Shows::LawWhenTilted));
-        }
+        let effects = laws(problem);
         // Where frames keep a clock, what is late or lost shows in their arrivals or nowhere.
         let clocked = problem.tracks.iter().any(|track| !track.waits_s.is_empty());
         let in_arrivals =
@@ -68,10 +82,7 @@ impl Search {
             .filter(|effect| is_random(*effect) && !(clocked && in_arrivals(effect)))
             .collect();
         let mut singles = match guide {
-            None => {
-                let promises = problem.promises(&null, &effects, SINGLES_REFINED);
-                refine(problem, &null, promises, SINGLES_UNFOLDED)
-            }
+            None => with_one_law_more(problem, &null),
             Some(guide) => followed(problem, guide, 1),
         };
         if guide.is_some() {

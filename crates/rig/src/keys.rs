@@ -371,6 +371,18 @@ impl Visitor for Collector {
         self.add(key, meaning, Presence::Required, Kind::Tables(forms, 1));
     }
 
+    fn maybe_tables<T>(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        _: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    ) {
+        let forms = self.inside(key, |collector| visit(&mut blank(), collector));
+        self.add(key, meaning, Presence::Optional, Kind::Tables(forms, 0));
+    }
+
     fn along(&mut self, key: &str, _: bool, visit: impl FnOnce(&mut Self)) {
         let outer = self.along.replace(key.to_owned());
         visit(self);

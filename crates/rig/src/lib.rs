@@ -26,8 +26,8 @@ pub use error::{Location, Problem, RigError};
 pub use mission::{Chirp, Criteria, Mission, PhaseAction, PhasePlan, Profile};
 pub use phase::{Phase, UnknownPhase};
 pub use rig::{
-    Bench, Control, Disturbance, EffectEntry, FeedForward, Loop, Model, Observer, Output, Plant, Predictor,
-    ReadText, Rig, Safety, Tracker,
+    Bench, Control, Disturbance, EffectEntry, FeedForward, HeldOut, Loop, Model, Observer, Output, Plant,
+    Predictor, ReadText, Rig, Safety, Tracker,
 };
 pub use uncertain::Uncertain;
 

@@ -34,6 +34,8 @@ pub struct Rig {
     pub calibration: Option<Calibration>,
     /// What disturbs a nominal flight.
     pub disturbance: Disturbance,
+    /// What hypotheses gain on nominal flights: the model's own error.
+    pub held_out: Vec<HeldOut>,
     /// Effects added to the nominal model, in the order of the file.
     pub effects: Vec<EffectEntry>,
 }
@@ -228,6 +230,28 @@ pub struct Disturbance {
     pub velocity_noise_m_s: Option<f64>,
     /// The same of the vertical acceleration, m/s^2.
     pub acceleration_noise_m_s2: Option<f64>,
+}
+
+/// What a hypothesis gained on nominal flights that were held against the model of the other ones (`bench identify flight`): what the
+/// model gets wrong alike in flights that were fine. The diagnosis counts only what is beyond.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HeldOut {
+    /// An effect, two of them as `a+b`, or `unknown`.
+    pub hypothesis: String,
+    /// Gain of log-evidence a measurement, nats.
+    pub nats_per_measurement: f64,
+}
+
+impl HeldOut {
+    fn visit(&mut self, v: &mut impl Visitor) {
+        v.text("hypothesis", "An effect, two of them as `a+b`, or `unknown`.", &mut self.hypothesis);
+        v.number(
+            "nats_per_measurement",
+            "Gain of log-evidence a measurement over no effect, in natural logarithms.",
+            Range::closed(0.0, 1e6),
+            &mut self.nats_per_measurement,
+        );
+    }
 }
 
 /// When to stop a flight.
@@ -441,6 +465,14 @@ impl Rig {
             "What disturbs a nominal flight, as far as it was measured (`bench identify \
              flight`).",
             |v| self.disturbance.visit(v),
+        );
+        v.maybe_tables(
+            "held_out",
+            "What a hypothesis gained on nominal flights that were held against the model of the \
+             other ones (`bench identify flight`); the diagnosis counts only what is beyond.",
+            &mut self.held_out,
+            HeldOut::default,
+            HeldOut::visit,
         );
     }
 

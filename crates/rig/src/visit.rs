@@ -122,6 +122,15 @@ pub trait Visitor {
         blank: impl Fn() -> T,
         visit: impl Fn(&mut T, &mut Self),
     );
+    /// The same, and there may be none.
+    fn maybe_tables<T>(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        items: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    );
     /// Keys that are needed beside an optional `key` and make no sense without it; `given` says whether it has a value.
     fn along(&mut self, key: &str, given: bool, visit: impl FnOnce(&mut Self));
 }
@@ -619,6 +628,19 @@ impl Visitor for Reader<'_, '_> {
         self.tables(key, items, blank, visit);
     }
 
+    fn maybe_tables<T>(
+        &mut self,
+        key: &str,
+        _: &str,
+        items: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    ) {
+        if self.has(key) {
+            self.tables(key, items, blank, visit);
+        }
+    }
+
     fn along(&mut self, key: &str, given: bool, visit: impl FnOnce(&mut Self)) {
         // A value that was refused is no reason to call its companions unknown.
         if given || self.has(key) {
@@ -752,6 +774,17 @@ impl Visitor for Writer {
             self.element(key);
             visit(item, self);
         }
+    }
+
+    fn maybe_tables<T>(
+        &mut self,
+        key: &str,
+        meaning: &str,
+        items: &mut Vec<T>,
+        blank: impl Fn() -> T,
+        visit: impl Fn(&mut T, &mut Self),
+    ) {
+        self.tables(key, meaning, items, blank, visit);
     }
 
     fn along(&mut self, _: &str, given: bool, visit: impl FnOnce(&mut Self)) {

@@ -6,7 +6,7 @@ use std::{
 use anyhow::{Context, bail};
 use bench_diagnosis::{Ahead, Analysis, Diagnosis, NextFlight};
 use bench_filter::Track;
-use bench_identification::{identify_flights, plausible_altitude};
+use bench_identification::plausible_altitude;
 use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
@@ -25,6 +25,7 @@ use crate::{
     exit::Exit,
     files::{self, Form, Outputs},
     logs::{self, Flown},
+    nominal::{NominalModel, control_in_words, laws_in_words},
     progress::Progress,
     recorded::{Nominal, NominalRig},
     words::{self, short},
@@ -38,7 +39,8 @@ use crate::{
   bench diagnose flight-*.mcap --json
   bench diagnose --rig virtual flight-*.mcap --write-rig better.toml
   bench diagnose --rig my-quad.toml --above 0.3 --without battery log-*.mcap
-  bench diagnose real-*.ulg --model sim-*.ulg
+  bench diagnose --nominal good/*.mcap --test bad/*.mcap
+  bench diagnose --model sim-*.ulg --test real-*.ulg
   bench diagnose flight-*.mcap --next-flight next.toml --between quadratic-drag,inflow-damping
   bench diagnose flight-*.mcap --fail-on-gap --min-confidence 0.8 || echo look at it
   bench diagnose flight-*.mcap --calibrate --write-calibration my-quad.json
@@ -55,18 +57,29 @@ verdicts end with 0. Flights that the rig cannot describe at all end with 2 and 
 A rig's own [[effect]] tables are part of the model: flights diagnosed with the rig that
 --write-rig wrote should say `none`.
 
+With --nominal flights that were fine are the model: `bench identify flight` finds it from them,
+with the rig named or drafted as a start, and holds nominal flights against nominal ones. What the
+model gets wrong alike in flights that were fine is no gap. --nominal without other flights is that
+control alone: exit code 1 where most of it is not `none`.
+
 The rig is the nominal model with its tolerances. All flights must be of one airframe in one
 condition; more and richer flights (launches, steps, descents, low hover) tell more.
 docs/diagnosis.md has the method, and what it does not do yet.")]
 pub struct Arguments {
+    /// Recordings of flights, or logs of PX4 or ArduPilot
+    #[arg(required_unless_present_any = ["test", "nominal"])]
+    flights: Vec<PathBuf>,
+    /// The same, after an option that takes several flights
+    #[arg(long, value_name = "FLIGHT", num_args = 1..)]
+    test: Vec<PathBuf>,
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
     rig: NominalRig,
-    /// Take for the model what these flights do, such as those of your simulator: a rig is drafted from them and identified, and the
-    /// others are held against it. Three at least; logs or recordings. Name it after the flights, or write -- between
-    #[arg(long, value_name = "FLIGHT", num_args = 1.., conflicts_with = "rig")]
-    model: Vec<PathBuf>,
+    /// Flights that were fine, such as those of your simulator, are the model: it is identified from them, and the others are held
+    /// against it. Three at least; recordings or logs. --rig is then what is known before; without it, a rig is drafted
+    #[arg(long, value_name = "FLIGHT", num_args = 1.., visible_alias = "model")]
+    nominal: Vec<PathBuf>,
     /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and three times as many
     /// with effects of the library, and keep what they teach in the cache
     #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100", conflicts_with = "calibration")]
@@ -118,12 +131,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .and(arguments.write_rig.as_deref(), Form::Toml)
         .and(arguments.next_flight.as_deref(), Form::Toml)
         .and(arguments.write_calibration.as_deref(), Form::Any)
-        .from(arguments.selection.flights.iter().map(PathBuf::as_path))
+        .from(arguments.flights.iter().chain(&arguments.test).chain(&arguments.nominal).map(PathBuf::as_path))
         .check()?;
-    let prepared = if arguments.model.is_empty() {
-        Prepared::read(&arguments.selection, &arguments.rig)?
+    let tests = [arguments.flights.as_slice(), &arguments.test].concat();
+    let selection = &arguments.selection;
+    let (prepared, model) = if arguments.nominal.is_empty() {
+        (Prepared::read(&tests, selection, &arguments.rig)?, None)
     } else {
-        Prepared::against(&arguments.selection, model(&arguments.selection, &arguments.model)?)?
+        let (nominal, model) = nominal(&arguments.nominal, selection, &arguments.rig)?;
+        if tests.is_empty() {
+            return control(arguments, &nominal, &model);
+        }
+        (Prepared::against(&tests, selection, nominal)?, Some(model.told()))
     };
     let Prepared { rig, from, tracks, flown, mut warnings } = prepared;
     let chosen = match arguments.calibrate {
@@ -162,7 +181,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
     drop(progress);
     diagnosis.warnings = warnings;
-    let report = Report::new(diagnosis, arguments.min_confidence, choice);
+    let report = Report { model, ..Report::new(diagnosis, arguments.min_confidence, choice) };
     if arguments.json.json {
         words::print_json(&report)?;
     } else {
@@ -197,15 +216,15 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn read(selection: &Selection, rig: &NominalRig) -> anyhow::Result<Self> {
-        Self::against(selection, rig.resolve(&selection.flights)?)
+    fn read(flights: &[PathBuf], selection: &Selection, rig: &NominalRig) -> anyhow::Result<Self> {
+        Self::against(flights, selection, rig.resolve(flights, selection.map())?)
     }
 
-    fn against(selection: &Selection, nominal: Nominal) -> anyhow::Result<Self> {
+    fn against(flights: &[PathBuf], selection: &Selection, nominal: Nominal) -> anyhow::Result<Self> {
         let rig = nominal.rig;
         let mut flown = Missions::default();
         let (mut unread, mut of_another_unit) = (Vec::new(), Vec::new());
-        let (tracks, unused) = selection.tracks(&rig, |path, flight| {
+        let (tracks, unused) = selection.tracks(flights, &rig, |path, flight| {
             if let Some(actuation) = logs::actuation(flight).filter(|unit| *unit != rig.airframe.actuation) {
                 of_another_unit.push(format!(
                     "{} has its throttle in {}, and {} in {}: it cannot be a model of that flight",
@@ -239,36 +258,64 @@ impl Prepared {
     }
 }
 
-/// The rig that flights tell of which nothing else is known.
-fn model(selection: &Selection, flights: &[PathBuf]) -> anyhow::Result<Nominal> {
-    let flown = flights.iter().map(|path| Flown::read(path, None)).collect::<anyhow::Result<Vec<Flown>>>()?;
-    let draft =
-        from_log::drafted(flown, Path::new("model"), None).context("no model of the flights of --model")?.rig;
-    let (tracks, mut remarks) = selection.of(flights).tracks(&draft, |_, _| ())?;
+/// The model that nominal flights make, from the rig named, the one that they carry, or a draft.
+fn nominal(
+    flights: &[PathBuf],
+    selection: &Selection,
+    rig: &NominalRig,
+) -> anyhow::Result<(Nominal, NominalModel)> {
+    let carry = || {
+        let session = |path: &PathBuf| logs::session(path, selection.map());
+        flights.iter().map(session).all(|session| session.is_ok_and(|session| session.rig_toml.is_some()))
+    };
+    let prior = if rig.rig.is_some() || carry() {
+        rig.resolve(flights, selection.map())?
+    } else {
+        let flown = flights.iter().map(|path| Flown::read(path, selection.map()));
+        let flown = flown.collect::<anyhow::Result<Vec<Flown>>>()?;
+        let draft =
+            from_log::drafted(flown, Path::new("model"), None).context("no model of the nominal flights")?;
+        Nominal { rig: draft.rig, from: "a draft".to_owned(), remarks: Vec::new() }
+    };
     let progress = Progress::of("diagnose");
-    let count = words::count(tracks.len() as u64, "flight");
-    progress.begin_untold(&format!("identifying the model from {count}"));
-    let found = identify_flights(&tracks, &draft);
+    let model = NominalModel::of(flights, selection, &prior.rig, &progress)?;
     drop(progress);
-    let found = found.with_context(|| match remarks.as_slice() {
-        [] => "no model of the flights of --model".to_owned(),
-        remarks => format!("no model of the flights of --model; not used:\n{}", remarks.join("\n")),
-    })?;
+    let mut remarks = [prior.remarks, model.found.warnings.clone()].concat();
     let left: Vec<&str> =
-        found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
+        model.found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
     if !left.is_empty() {
-        remarks.push(format!(
-            "the flights of --model do not tell, and the model has as drafted: {}",
-            left.join(", ")
-        ));
+        let of = if prior.from == "a draft" { "as drafted" } else { "as before" };
+        remarks.push(format!("the nominal flights do not tell, and the model has {of}: {}", left.join(", ")));
     }
-    Ok(Nominal { rig: found.rig, from: format!("the model of the {count} of --model"), remarks })
+    let from = format!("the model of {}", words::count(model.found.flights.len() as u64, "nominal flight"));
+    Ok((Nominal { rig: model.found.rig.clone(), from, remarks }, model))
+}
+
+/// Nominal flights held against nominal ones, and nothing else.
+fn control(arguments: &Arguments, nominal: &Nominal, model: &NominalModel) -> anyhow::Result<Exit> {
+    if model.control.is_empty() {
+        bail!(
+            "{}: none of them can be left out, so there is no control; give four or more",
+            words::count(model.found.flights.len() as u64, "nominal flight")
+        );
+    }
+    let holds = model.holds();
+    if arguments.json.json {
+        words::print_json(model)?;
+    } else {
+        let lines = control_in_words(&model.control).into_iter().chain(laws_in_words(&model.found.laws));
+        words::print(&lines.map(|line| line + "\n").collect::<String>())?;
+        for remark in &nominal.remarks {
+            words::warn(remark);
+        }
+    }
+    Ok(if holds { Exit::Done } else { Exit::CheckFailed })
 }
 
 /// Recordings diagnosed with the built-in calibration, and the rig that they were held against.
 pub fn diagnosed(flights: &[PathBuf], rig: &NominalRig) -> anyhow::Result<(Report, Rig)> {
     let Prepared { rig, from, tracks, flown, warnings } =
-        Prepared::read(&Selection::whole(flights.to_vec()), rig)?;
+        Prepared::read(flights, &Selection::default(), rig)?;
     let chosen = calibration::choose(&Wanted::BuiltIn, &rig, &flown)?;
     let progress = Progress::of("diagnose");
     progress.begin_untold(&format!("weighing what explains {}", words::count(tracks.len() as u64, "flight")));

@@ -4,9 +4,7 @@ mod thrust;
 use std::{fmt::Write as _, path::PathBuf};
 
 use anyhow::Context;
-use bench_identification::{
-    FlightIdentification, Mounting, Readings, Refused, ThrustOptions, identify_flights,
-};
+use bench_identification::{Mounting, Readings, Refused, ThrustOptions};
 use bench_rig::{GRAVITY_M_S2, Rig};
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
@@ -16,6 +14,7 @@ use crate::{
     commands::tracks::Selection,
     exit::Exit,
     files::{self, Form, Outputs},
+    nominal::{NominalModel, control_in_words, laws_in_words},
     progress::Progress,
     recorded::NominalRig,
     words,
@@ -165,6 +164,9 @@ not tell is said and left as it was. Then `bench diagnose --rig my-quad-identifi
 holds other flights against these, with the same --above and --without. docs/identify.md has the
 method.")]
 struct FlightArguments {
+    /// Recordings of flights, or logs of PX4 or ArduPilot
+    #[arg(required = true)]
+    flights: Vec<PathBuf>,
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
@@ -187,39 +189,49 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 }
 
 fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
-    let selection = &arguments.selection;
+    let FlightArguments { flights, selection, .. } = arguments;
     Outputs::new(arguments.force.force)
         .and(arguments.output.as_path(), Form::Toml)
-        .from(selection.flights.iter().map(PathBuf::as_path))
+        .from(flights.iter().map(PathBuf::as_path))
         .check()?;
-    let nominal = arguments.rig.resolve(&selection.flights)?;
-    let rig = nominal.rig;
-    let (tracks, unused) = selection.tracks(&rig, |_, _| ())?;
+    let nominal = arguments.rig.resolve(flights, selection.map())?;
     let progress = Progress::of("identify flight");
-    progress.begin_untold(&format!("fitting the rig to {}", words::count(tracks.len() as u64, "flight")));
-    let found = identify_flights(&tracks, &rig);
+    let model = NominalModel::of(flights, selection, &nominal.rig, &progress)
+        .context("nothing identified, nothing written");
     drop(progress);
-    let mut found = found.with_context(|| match unused.as_slice() {
-        [] => "nothing identified, nothing written".to_owned(),
-        unused => format!("nothing identified, nothing written; not used:\n{}", unused.join("\n")),
-    })?;
-    found.warnings = [unused, nominal.remarks].concat();
-    files::write_rig(&arguments.output, &head(&found, arguments, &nominal.from), &found.rig)?;
-    if arguments.json.json {
-        words::print_json(&found)?;
-    } else {
-        words::print(&in_words(&found, arguments))?;
+    let mut model = model?;
+    model.found.warnings.extend(nominal.remarks);
+    // A model that does not hold for the flights that made it is handed out to who insists.
+    let written = model.holds() || arguments.force.force;
+    if written {
+        files::write_rig(&arguments.output, &head(&model, arguments, &nominal.from), &model.found.rig)?;
     }
-    Ok(Exit::Done)
+    if arguments.json.json {
+        words::print_json(&model)?;
+    } else {
+        words::print(&in_words(&model, arguments))?;
+    }
+    if !written {
+        words::fail(format_args!(
+            "{} is not written: the model of some of these flights does not hold for the others, so that other flights held against it would tell of the model; see above what it lacks, add flights of other kinds or leave out what is not like the rest, or write it all the same with --force",
+            arguments.output.display()
+        ));
+    }
+    Ok(if written { Exit::Done } else { Exit::CheckFailed })
 }
 
 /// How the rig was made.
-fn head(found: &FlightIdentification, arguments: &FlightArguments, prior: &str) -> String {
+fn head(NominalModel { found, control }: &NominalModel, arguments: &FlightArguments, prior: &str) -> String {
     let mut out = format!(
         "identified by `bench identify flight{}` from {},\n# with {prior} as prior. A sigma covers the spread between flights.",
         arguments.selection.options(),
         words::count(found.flights.len() as u64, "flight"),
     );
+    let none = control.iter().filter(|fold| fold.is_none()).count();
+    let _ = match control.len() {
+        0 => write!(out, "\n# Nominal against nominal was not checked."),
+        blocks => write!(out, "\n# Nominal against nominal: `none` in {none} of {blocks}."),
+    };
     let left: Vec<_> = found.numbers.iter().filter(|n| !n.identified).map(|n| n.name).collect();
     if !left.is_empty() {
         let _ = write!(out, "\n# Not told by these flights, left as in the prior: {}.", left.join(", "));
@@ -227,7 +239,7 @@ fn head(found: &FlightIdentification, arguments: &FlightArguments, prior: &str) 
     out
 }
 
-fn in_words(found: &FlightIdentification, arguments: &FlightArguments) -> String {
+fn in_words(NominalModel { found, control }: &NominalModel, arguments: &FlightArguments) -> String {
     let mut out = String::new();
     let sightings: usize = found.flights.iter().map(|(_, n)| n).sum();
     let _ = writeln!(
@@ -246,6 +258,10 @@ fn in_words(found: &FlightIdentification, arguments: &FlightArguments) -> String
             ("not told, left".to_owned(), String::new())
         };
         let _ = writeln!(out, "  {:<26} {:>24} {:>24}  {spread}", number.name, pair(number.before), after);
+    }
+    out.push('\n');
+    for line in laws_in_words(&found.laws).into_iter().chain(control_in_words(control)) {
+        let _ = writeln!(out, "  {line}");
     }
     let [before, after] = found.tracker_noise_m;
     let _ = writeln!(out, "\n  tracker noise {} m, was {} m", short(after), short(before));

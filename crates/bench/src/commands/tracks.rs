@@ -9,12 +9,12 @@ use clap::{Args, ValueEnum};
 
 use crate::recorded::Recorded;
 
-/// Which flights, and what of them.
-#[derive(Args)]
+/// How flights are read, and what of them is used.
+#[derive(Args, Default)]
 pub struct Selection {
-    /// Recordings of flights, or logs of PX4 or ArduPilot
-    #[arg(required = true)]
-    pub flights: Vec<PathBuf>,
+    /// Map by which logs are read that need one: a file, or the name of a built-in one. Recordings are read as they are
+    #[arg(long, value_name = "MAP")]
+    map: Option<PathBuf>,
     /// Use only what was flown above this altitude, m: for flights whose take-off and landing are no vertical ones
     /// from a firm floor
     #[arg(long, value_name = "METRES", value_parser = altitude)]
@@ -42,34 +42,31 @@ fn altitude(text: &str) -> Result<f64, String> {
 }
 
 impl Selection {
-    /// These flights, all of them and all of each.
-    pub fn whole(flights: Vec<PathBuf>) -> Self {
-        Self { flights, above: None, without: Vec::new() }
+    /// The map by which logs are read.
+    pub fn map(&self) -> Option<&Path> {
+        self.map.as_deref()
     }
 
-    /// Other flights, of which the same is used.
-    pub fn of(&self, flights: &[PathBuf]) -> Self {
-        Self { flights: flights.to_vec(), above: self.above, without: self.without.clone() }
-    }
-
-    /// What was asked for beside the flights, as on the command line.
+    /// What was asked for, as on the command line.
     pub fn options(&self) -> String {
         let above = self.above.map(|above_m| format!(" --above {above_m}"));
         let without = self
             .without
             .iter()
             .filter_map(|channel| Some(format!(" --without {}", channel.to_possible_value()?.get_name())));
-        above.into_iter().chain(without).collect()
+        let map = self.map.iter().map(|map| format!(" --map {}", map.display()));
+        map.chain(above).chain(without).collect()
     }
 
     /// The flights as a rig sees them, each shown to `look` before; those that cannot be used, and those that are given twice,
     /// are told in words.
     pub fn tracks(
         &self,
+        flights: &[PathBuf],
         rig: &Rig,
         mut look: impl FnMut(&Path, &Flight),
     ) -> anyhow::Result<(Vec<Track>, Vec<String>)> {
-        let recorded = Recorded::read(&self.flights, |path, mut flight| {
+        let recorded = Recorded::read(flights, self.map(), |path, mut flight| {
             look(path, &flight);
             for channel in &self.without {
                 match channel {

@@ -104,9 +104,9 @@ pub fn verified(
     rig: &NominalRig,
     tolerance: &Tolerance,
 ) -> anyhow::Result<(Verification, Rig)> {
-    let nominal = rig.resolve(flights)?;
+    let nominal = rig.resolve(flights, None)?;
     let rig = nominal.rig;
-    let recorded = Recorded::read(flights, |path, flight| {
+    let recorded = Recorded::read(flights, None, |path, flight| {
         open_loop(&path.display().to_string(), &flight, &rig).context("nothing verified")
     })?;
     for remark in recorded.remarks.iter().chain(&nominal.remarks) {

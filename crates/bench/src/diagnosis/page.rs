@@ -17,7 +17,10 @@ use super::{
     report::{Conclusion, Report},
     told,
 };
-use crate::words;
+use crate::{
+    nominal::{control_in_words, laws_in_words},
+    words,
+};
 
 /// Colours of the levels of the gap: the rig as it is, re-fitted, with the effect, the floor.
 const LEVELS: [usize; 4] = [5, 4, 0, 2];
@@ -49,6 +52,11 @@ pub fn verdict(report: &Report, rig: &Rig) -> PageVerdict {
         }
         @if !alike.is_empty() { p { "These flights cannot tell it from: " (alike.join(", ")) "." } }
         (tiles(report))
+        @if let Some(model) = &report.model {
+            @let lines: Vec<String> =
+                laws_in_words(&model.laws).into_iter().chain(control_in_words(&model.control)).collect();
+            (parts::block("The model", &words::count(model.flights.len() as u64, "nominal flight"), parts::list(&lines)))
+        }
         (parts::warnings(&diagnosis.warnings))
         @if !diagnosis.next.is_empty() { (parts::block("What to do next", "", parts::list(&diagnosis.next))) }
         (made_of(report, rig))

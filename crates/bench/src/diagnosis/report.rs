@@ -5,7 +5,7 @@ use bench_page::Tone;
 use serde::Serialize;
 
 use super::told;
-use crate::{calibration::Choice, words::short};
+use crate::{calibration::Choice, nominal::ModelTold, words::short};
 
 /// What a diagnosis comes to once it must be sure enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -50,6 +50,9 @@ pub struct Report {
     pub inconclusive_because: Vec<Because>,
     /// Which calibration was used, and why.
     pub calibration_choice: Choice,
+    /// The model, where nominal flights made it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<ModelTold>,
     /// All else.
     #[serde(flatten)]
     pub diagnosis: Diagnosis,
@@ -83,6 +86,7 @@ impl Report {
             min_confidence,
             inconclusive_because: because,
             calibration_choice: choice,
+            model: None,
             diagnosis,
         };
         report.with_next()

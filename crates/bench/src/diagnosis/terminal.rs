@@ -10,7 +10,10 @@ use super::{
     report::{Conclusion, Report},
     told,
 };
-use crate::words;
+use crate::{
+    nominal::{control_in_words, laws_in_words},
+    words,
+};
 
 /// Most lines of a kind, so that all stays on one screen.
 const MOST: usize = 3;
@@ -24,6 +27,7 @@ pub fn in_words(report: &Report, sticks: Actuation) -> String {
     let mut out = String::new();
     let diagnosis = &report.diagnosis;
     what(&mut out, report);
+    model(&mut out, report);
     place(&mut out, diagnosis, sticks);
     how_far(&mut out, diagnosis);
     if !diagnosis.next.is_empty() {
@@ -91,6 +95,15 @@ fn what(out: &mut String, report: &Report) {
                 told::percent(hidden)
             );
         }
+    }
+}
+
+/// What the nominal flights made.
+fn model(out: &mut String, report: &Report) {
+    let Some(model) = &report.model else { return };
+    let _ = writeln!(out, "\nModel: from {}", words::count(model.flights.len() as u64, "nominal flight"));
+    for line in laws_in_words(&model.laws).into_iter().chain(control_in_words(&model.control)) {
+        let _ = writeln!(out, "  {line}");
     }
 }
 

@@ -82,7 +82,7 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
         let rig = arguments.folder.join(case).join("rig.toml");
         let flights: Vec<PathBuf> =
             seal.flights(case).iter().map(|file| arguments.folder.join(file)).collect();
-        let answer = or_failed(|| blind_answer::diagnosed(&rig, flights));
+        let answer = or_failed(|| blind_answer::diagnosed(&rig, &flights));
         unfinished.lock().unwrap_or_else(PoisonError::into_inner).keep(case, answer)?;
         progress.step();
         Ok(())

@@ -1,0 +1,131 @@
+//! The nominal model that flights make: identified from them, and held against those of them that were left out.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use bench_diagnosis::{Calibration, Fold, held_out};
+use bench_filter::Track;
+use bench_identification::{Block, FlightIdentification, LEAST_FLIGHTS, NominalLaw, identify_nominal};
+use bench_inference::Problem;
+use bench_rig::Rig;
+use serde::Serialize;
+
+use crate::{commands::tracks::Selection, diagnosis::told, progress::Progress, words};
+
+/// A nominal model and how it does on nominal flights. As JSON it is `bench.identification/1` (docs/identify.md).
+#[derive(Serialize)]
+pub struct NominalModel {
+    #[serde(flatten)]
+    pub found: FlightIdentification,
+    /// Nominal flights held against the model of the others; empty where there are too few.
+    pub control: Vec<Fold>,
+}
+
+/// What is told of the model beside a diagnosis.
+#[derive(Debug, Serialize)]
+pub struct ModelTold {
+    /// The nominal flights.
+    pub flights: Vec<String>,
+    /// Laws of the library that belong to the model.
+    pub laws: Vec<NominalLaw>,
+    /// Nominal flights held against the model of the others.
+    pub control: Vec<Fold>,
+}
+
+impl NominalModel {
+    /// Identifies the model from flights as a prior rig sees them, holds flights that are left out against the model of the others, and
+    /// keeps in its rig what hypotheses gain there. What could not be used is among the warnings.
+    pub fn of(
+        flights: &[PathBuf],
+        selection: &Selection,
+        prior: &Rig,
+        progress: &Progress,
+    ) -> anyhow::Result<Self> {
+        let (tracks, unused) = selection.tracks(flights, prior, |_, _| ())?;
+        let count = words::count(tracks.len() as u64, "flight");
+        progress.begin_untold(&format!("fitting the rig and its laws to {count}"));
+        let mut found = identify_nominal(&tracks, prior).with_context(|| match unused.as_slice() {
+            [] => "no model of the nominal flights".to_owned(),
+            unused => format!("no model of the nominal flights; not used:\n{}", unused.join("\n")),
+        })?;
+        found.warnings.splice(0..0, unused);
+        let mut control = Vec::new();
+        for (index, Block { flights: own, rig }) in found.blocks.iter().enumerate() {
+            progress.begin_untold(&format!(
+                "nominal against nominal, block {} of {}",
+                index + 1,
+                found.blocks.len()
+            ));
+            // When they were exposed is reckoned by the latency of the model that they are held against.
+            let (seen_by_model, _) = selection.tracks(flights, rig, |_, _| ())?;
+            let is_left_out = |track: &Track| tracks[own.clone()].iter().any(|own| own.name == track.name);
+            let left_out: Vec<Track> = seen_by_model.into_iter().filter(is_left_out).collect();
+            if !left_out.is_empty() {
+                control.push(Fold::of(&Problem::new(&left_out, rig), &Calibration::built_in()));
+            }
+        }
+        found.rig.held_out = held_out(&control);
+        Ok(Self { found, control })
+    }
+
+    /// Whether most nominal flights that were left out show nothing, as they should; also where none could be left out.
+    pub fn holds(&self) -> bool {
+        self.control.is_empty()
+            || 2 * self.control.iter().filter(|fold| fold.is_none()).count() > self.control.len()
+    }
+
+    /// What is told of it beside a diagnosis.
+    pub fn told(self) -> ModelTold {
+        let flights = self.found.flights.into_iter().map(|(name, _)| name).collect();
+        ModelTold { flights, laws: self.found.laws, control: self.control }
+    }
+}
+
+/// File names without folders.
+fn named<'a>(flights: impl Iterator<Item = &'a str>) -> String {
+    flights.map(words::file_name).collect::<Vec<_>>().join(", ")
+}
+
+/// Laws in words, such as `tilt-loss: fraction = 0.65`.
+pub fn laws_in_words(laws: &[NominalLaw]) -> Vec<String> {
+    laws.iter()
+        .map(|law| {
+            let parameters: Vec<String> = law
+                .parameters
+                .iter()
+                .map(|(key, value)| format!("{key} = {}", words::short(*value)))
+                .collect();
+            format!(
+                "{} belongs to the model: {} ({:.0} nats on flights left out of the fit)",
+                law.name,
+                parameters.join(", "),
+                law.held_out_gain
+            )
+        })
+        .collect()
+}
+
+/// The control in words, a line a block, the wrong ones first.
+pub fn control_in_words(control: &[Fold]) -> Vec<String> {
+    if control.is_empty() {
+        return vec![format!(
+            "nominal against nominal: not checked, for that takes {LEAST_FLIGHTS} flights or more"
+        )];
+    }
+    let right = control.iter().filter(|fold| fold.is_none()).count();
+    let mut lines = vec![format!(
+        "nominal against nominal: `none` in {right} of {}; what the others gain there is taken off what they gain elsewhere",
+        control.len()
+    )];
+    let (wrong, right): (Vec<_>, Vec<_>) = control.iter().partition(|fold| !fold.is_none());
+    lines.extend(wrong.into_iter().chain(right).map(|fold| {
+        let gain = fold.gains.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+        format!(
+            "  {}: {} {} (at most {gain:.0} nats)",
+            named(fold.flights.iter().map(String::as_str)),
+            fold.leading,
+            told::percent(fold.probability)
+        )
+    }));
+    lines
+}
