@@ -1,4 +1,5 @@
-//! `docs/your-own-logs.md`, command by command, on logs that are flown here and written in PX4's format.
+//! `docs/your-own-logs.md`, command by command, on logs that are flown here and written in PX4's format, and `docs/your-flights.md` on
+//! real ones.
 
 use std::{fs, path::Path};
 
@@ -204,4 +205,42 @@ fn bench_data_drafts_of_real_flights_are_near_what_is_known_of_them() {
             assert!((drafted.value - identified.value).abs() < 2.0 * drafted.sigma, "{drafted:?}");
         }
     }
+}
+
+/// `docs/your-flights.md`, command by command, on the published flights, and what the page says of them.
+#[test]
+#[ignore = "needs BENCH_DATA; tests/run runs it where that is set"]
+fn bench_data_two_folders_of_real_flights_go_in_and_a_cause_comes_out() {
+    let data = std::env::var_os("BENCH_DATA").expect("BENCH_DATA names the data folder");
+    let real = Path::new(&data).join("real");
+    let scratch = Scratch::new();
+    let folder = scratch.path("page");
+    fs::create_dir(&folder).unwrap();
+    for condition in ["normal", "propeller-m3-cut-3.5mm"] {
+        std::os::unix::fs::symlink(real.join("crazypad").join(condition), folder.join(condition)).unwrap();
+    }
+    fs::create_dir(folder.join("nominal")).unwrap();
+    for log in ["B5_helix_medium_rep2", "B5_helix_medium_rep3", "B7_oval_medium_rep2", "B7_oval_medium_rep3"]
+        .into_iter()
+        .chain(["B8_star_slow_rep1", "B8_star_slow_rep2"])
+    {
+        let log = format!("{log}.csv");
+        std::os::unix::fs::symlink(real.join("nanobench").join(&log), folder.join("nominal").join(&log))
+            .unwrap();
+    }
+    let shell = Shell::in_folder(&scratch, &folder);
+    let of = |map: &str| commands("your-flights.md").into_iter().find(|line| line.contains(map)).unwrap();
+    let run = |line: &str| -> Value {
+        let (code, said) = shell.run(&format!("{line} --json 2>progress.txt"));
+        assert!(matches!(code, Some(0 | 1)), "{line}: {code:?}\n{said}");
+        serde_json::from_str(&said).unwrap()
+    };
+    let cut = run(&of("--map crazypad"));
+    assert_eq!(cut["verdict"], "effect", "{cut:#}");
+    let alike = cut["candidates"].as_array().unwrap().iter().take(3).map(|candidate| &candidate["name"]);
+    assert!(alike.clone().any(|name| name == "thrust-loss"), "{:?}", alike.collect::<Vec<_>>());
+    let control = run(&of("--map nanobench"));
+    let laws: Vec<&str> =
+        control["laws"].as_array().unwrap().iter().map(|law| law["name"].as_str().unwrap()).collect();
+    assert!(laws.contains(&"tilt-loss") && laws.iter().any(|law| law.ends_with("-lag")), "{laws:?}");
 }
