@@ -1,3 +1,6 @@
+#[cfg(feature = "exchange")]
+mod model;
+
 use std::{
     fmt::Write as _,
     path::{Path, PathBuf},
@@ -6,7 +9,7 @@ use std::{
 use anyhow::{Context, bail};
 use bench_diagnosis::{Ahead, Analysis, Diagnosis, NextFlight};
 use bench_filter::Track;
-use bench_identification::{identify_flights, plausible_altitude};
+use bench_identification::plausible_altitude;
 use bench_inference::Problem;
 use bench_recording::{Flight, Mode, Record, Session};
 use bench_rig::{Mission, Rig};
@@ -16,7 +19,7 @@ use clap::Args;
 use crate::{
     arguments::{Force, Json, Page},
     calibration::{self, Chosen, Missions, Wanted},
-    commands::{rigs::from_log, tracks::Selection},
+    commands::tracks::Selection,
     diagnosis::{
         page::page,
         report::{Conclusion, Report},
@@ -24,11 +27,13 @@ use crate::{
     },
     exit::Exit,
     files::{self, Form, Outputs},
-    logs::{self, Flown},
+    logs,
     progress::Progress,
     recorded::{Nominal, NominalRig},
     words::{self, short},
 };
+#[cfg(feature = "exchange")]
+use model::model;
 
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
 #[derive(Args)]
@@ -240,29 +245,9 @@ impl Prepared {
 }
 
 /// The rig that flights tell of which nothing else is known.
-fn model(selection: &Selection, flights: &[PathBuf]) -> anyhow::Result<Nominal> {
-    let flown = flights.iter().map(|path| Flown::read(path, None)).collect::<anyhow::Result<Vec<Flown>>>()?;
-    let draft =
-        from_log::drafted(flown, Path::new("model"), None).context("no model of the flights of --model")?.rig;
-    let (tracks, mut remarks) = selection.of(flights).tracks(&draft, |_, _| ())?;
-    let progress = Progress::of("diagnose");
-    let count = words::count(tracks.len() as u64, "flight");
-    progress.begin_untold(&format!("identifying the model from {count}"));
-    let found = identify_flights(&tracks, &draft);
-    drop(progress);
-    let found = found.with_context(|| match remarks.as_slice() {
-        [] => "no model of the flights of --model".to_owned(),
-        remarks => format!("no model of the flights of --model; not used:\n{}", remarks.join("\n")),
-    })?;
-    let left: Vec<&str> =
-        found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
-    if !left.is_empty() {
-        remarks.push(format!(
-            "the flights of --model do not tell, and the model has as drafted: {}",
-            left.join(", ")
-        ));
-    }
-    Ok(Nominal { rig: found.rig, from: format!("the model of the {count} of --model"), remarks })
+#[cfg(not(feature = "exchange"))]
+fn model(_: &Selection, _: &[PathBuf]) -> anyhow::Result<Nominal> {
+    Err(crate::left_out::left_out("the draft of a rig that --model wants", "exchange"))
 }
 
 /// Recordings diagnosed with the built-in calibration, and the rig that they were held against.
