@@ -14,6 +14,7 @@ mod frames;
 mod hil;
 mod identify;
 mod import;
+mod lean;
 mod live;
 mod logs;
 mod model;

@@ -1,18 +1,22 @@
 //! A diagnosis' calibration for one rig and its missions, learnt from simulated flights and kept in the cache.
 
+#[cfg(feature = "studies")]
+mod learn;
+
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context, bail};
-use bench_campaign::{LEAST_SETS, Learning};
 use bench_diagnosis::Calibration;
 use bench_rig::{Mission, Rig};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::{files, progress::Progress};
+use crate::files;
+#[cfg(feature = "studies")]
+use learn::learn;
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
 const GENERATION: u32 = 10;
@@ -32,13 +36,6 @@ impl Missions {
             }
         }
         distinct
-    }
-
-    fn or_usual(&self) -> anyhow::Result<Vec<Mission>> {
-        if !self.0.is_empty() {
-            return Ok(self.0.clone());
-        }
-        files::missions(&[PathBuf::from(files::BLIND_MISSIONS)])
     }
 
     fn text(&self) -> String {
@@ -251,18 +248,9 @@ pub fn learnt(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Cho
     Ok(Chosen::kept(kept, "learnt", "--calibrate has just learnt it".to_owned(), None))
 }
 
-/// Learns from simulated flights, and tells how far it is.
-fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Calibration> {
-    if sets < LEAST_SETS {
-        bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see a tail of false alarms");
-    }
-    let progress = Progress::of("calibrate");
-    let tell = |learning| match learning {
-        Learning::Begun(all) => progress.begin("nominal flights", all as f64, "sets"),
-        Learning::Step => progress.step(),
-        Learning::WithCauses => progress.doing("flights with causes"),
-    };
-    Ok(bench_campaign::learn(rig, &missions.or_usual()?, sets, &tell)?)
+#[cfg(not(feature = "studies"))]
+fn learn(_: &Rig, _: &Missions, _: usize) -> anyhow::Result<Calibration> {
+    Err(crate::left_out::left_out("what --calibrate learns from", "studies"))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, anyhow, bail};
-use bench_recording::{FileKind, import::ImportMap};
+use bench_recording::FileKind;
 use bench_rig::{EffectEntry, Mission, Rig};
 
 use crate::{
@@ -101,27 +101,12 @@ fn is_of(wanted: Kind, path: &Path) -> anyhow::Result<()> {
     bail!("{} is {}, and {article} {} is wanted here; {advice}", path.display(), kind.name(), wanted.name())
 }
 
-/// Reads a suite's text: a file, or one of the library by its name. Gives its path as well.
-pub fn suite(named: &Path) -> anyhow::Result<(PathBuf, String)> {
-    let path = find(Kind::Suite, named)?;
-    is_of(Kind::Suite, &path)?;
+/// Reads the text of a suite, say: a file, or one of the library by its name. Gives its path as well.
+pub fn text_of(kind: Kind, named: &Path) -> anyhow::Result<(PathBuf, String)> {
+    let path = find(kind, named)?;
+    is_of(kind, &path)?;
     let text = read(&path)?;
     Ok((path, text))
-}
-
-/// Reads a sweep's text: a file, or one of the library by its name. Gives its path as well.
-pub fn sweep(named: &Path) -> anyhow::Result<(PathBuf, String)> {
-    let path = find(Kind::Sweep, named)?;
-    is_of(Kind::Sweep, &path)?;
-    let text = read(&path)?;
-    Ok((path, text))
-}
-
-/// Reads an import map: a file, or one of the library by its name.
-pub fn import_map(named: &Path) -> anyhow::Result<ImportMap> {
-    let path = find(Kind::ImportMap, named)?;
-    is_of(Kind::ImportMap, &path)?;
-    Ok(ImportMap::read(&path, &read(&path)?)?)
 }
 
 /// Reads a text, on the disk or embedded.
@@ -276,6 +261,13 @@ impl<'a> Outputs<'a> {
         if !endings.is_empty() && !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
             let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
             bail!("{shown}: the name of this output ends in {}", known.join(", "));
+        }
+        #[cfg(not(feature = "exchange"))]
+        if form == Form::Table && !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv")) {
+            return Err(crate::left_out::left_out(
+                &format!("the format of {shown} (.csv can be written)"),
+                "exchange",
+            ));
         }
         if !path.exists() {
             return can_make_files_in(existing_ancestor(path), path);

@@ -2,12 +2,10 @@
 
 use std::fmt::Write as _;
 
-use anstream::adapter::strip_str;
 use bench_page::Tone;
 use bench_recording::{Finished, RecordingError};
 use bench_rig::{Mission, Rig};
 use bench_run::{Check, Ending, Flown};
-use bench_view::Outcome;
 use serde_json::json;
 
 use crate::{exit::Exit, seen::Watch, words};
@@ -30,19 +28,6 @@ impl Flight<'_> {
             Ending::Complete if self.checks.iter().all(|check| check.passed) => Exit::Done,
             Ending::Complete => Exit::CheckFailed,
         }
-    }
-
-    /// The flight as the live page tells it, with what the terminal says: its colours are left out.
-    pub fn outcome(&self, words: &str) -> Outcome {
-        let exit = self.exit();
-        let headline = match (&self.flown.ending, exit) {
-            (Ending::Stopped(reason), _) => format!("Stopped: {reason}"),
-            (Ending::Fault(error), _) => format!("Fault: {error}"),
-            (Ending::Panicked(_), _) => "The program failed; the throttle went to rest".to_owned(),
-            (Ending::Complete, Exit::Done) => "Flown, and all criteria met".to_owned(),
-            (Ending::Complete, _) => "Flown, but criteria were missed".to_owned(),
-        };
-        Outcome { passed: exit == Exit::Done, headline, words: strip_str(words).to_string() }
     }
 
     /// What flew where.

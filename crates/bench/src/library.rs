@@ -156,6 +156,7 @@ pub fn read(path: &Path) -> io::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    #[cfg(feature = "exchange")]
     use bench_recording::import::ImportMap;
     use bench_rig::{Mission, Rig};
 
@@ -171,6 +172,7 @@ mod tests {
             let path = Kind::Mission.find(&name).unwrap();
             Mission::read(&path, &read(&path).unwrap()).unwrap();
         }
+        #[cfg(feature = "exchange")]
         for name in Kind::ImportMap.names() {
             let path = Kind::ImportMap.find(&name).unwrap();
             ImportMap::read(&path, &read(&path).unwrap()).unwrap();

@@ -4,18 +4,25 @@
 
 // `words::say` never fails, where a flight must go on.
 #![cfg_attr(not(test), deny(clippy::print_stderr))]
+// What is left out uses the rest of what the commands share.
+#![cfg_attr(not(all(feature = "exchange", feature = "lab", feature = "studies")), allow(dead_code))]
 
 mod arguments;
+#[cfg(any(feature = "lab", feature = "studies"))]
 mod balance;
+#[cfg(feature = "studies")]
 mod blind_answer;
 mod calibration;
 mod commands;
 mod diagnosis;
 mod exit;
+#[cfg(feature = "lab")]
 mod eyes;
 mod files;
 mod flight;
 mod foxglove;
+#[cfg(not(all(feature = "exchange", feature = "lab", feature = "studies")))]
+mod left_out;
 mod library;
 mod live;
 mod logs;
@@ -26,11 +33,16 @@ mod recorded;
 mod recorded_views;
 mod repeats;
 mod report;
+#[cfg(all(feature = "lab", feature = "studies"))]
 mod schema;
 mod seen;
+#[cfg(feature = "lab")]
 mod signals;
+#[cfg(feature = "lab")]
 mod station;
+#[cfg(feature = "lab")]
 mod suites;
+#[cfg(feature = "studies")]
 mod sweeps;
 mod words;
 

@@ -12,7 +12,9 @@ use bench_page::{
 };
 use maud::{Markup, html};
 
-pub use self::{flown::Flown, loaded::Loaded, traces::less_between};
+#[cfg(feature = "studies")]
+pub use self::traces::less_between;
+pub use self::{flown::Flown, loaded::Loaded};
 use crate::words;
 
 /// The page of flights, with further sections behind theirs.

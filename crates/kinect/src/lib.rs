@@ -20,6 +20,7 @@ pub mod frame;
 pub mod render;
 mod source;
 pub mod track;
+#[cfg(feature = "usb")]
 pub mod usb;
 pub mod views;
 

@@ -143,6 +143,12 @@ pub enum RecordingError {
         /// Which file.
         path: PathBuf,
     },
+    /// The crate was built without the table's format.
+    #[error("{}: only .csv can be written without the feature `exchange`", path.display())]
+    TableNotBuilt {
+        /// Which file.
+        path: PathBuf,
+    },
     /// The recording does not hold what was asked for.
     #[error("{} has no messages in {channel}; it has {}", path.display(), list(present))]
     NoMessages {

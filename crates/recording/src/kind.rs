@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+#[cfg(feature = "exchange")]
 use bench_logs::Format;
 use bench_rig::{
     Actuation,
@@ -199,6 +200,7 @@ impl FileKind {
     }
 
     /// How it is read as a log of topics; `None` of what is none.
+    #[cfg(feature = "exchange")]
     pub const fn log_format(&self) -> Option<Format> {
         match self {
             Self::Ulog => Some(Format::Ulog),

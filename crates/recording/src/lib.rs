@@ -11,20 +11,30 @@
 
 mod channel;
 mod codec;
+#[cfg(feature = "exchange")]
 mod columns;
 mod container;
 pub mod diff;
 mod error;
+#[cfg_attr(
+    not(feature = "exchange"),
+    expect(dead_code, reason = "the formats that are left out use the rest")
+)]
 mod export;
 mod field;
 mod fields;
 mod flight;
 mod images;
+#[cfg(feature = "exchange")]
 pub mod import;
 mod info;
 mod kind;
 mod layout;
 mod observer;
+#[cfg_attr(
+    not(feature = "exchange"),
+    expect(dead_code, reason = "the formats that are left out use the rest")
+)]
 mod partial;
 mod proto;
 mod record;
@@ -38,6 +48,7 @@ mod writer_thread;
 mod zstd_decoder;
 
 pub use channel::Channel;
+#[cfg(feature = "exchange")]
 pub use columns::{CellKind, Cells, ColumnWriter};
 pub use error::RecordingError;
 pub use export::{ExportOptions, Exported, export};

@@ -1,3 +1,6 @@
+#[cfg(feature = "exchange")]
+mod draft;
+
 use std::{
     fmt::Write as _,
     path::{Path, PathBuf},
@@ -16,7 +19,7 @@ use clap::Args;
 use crate::{
     arguments::{Force, Json, Page},
     calibration::{self, Chosen, Missions, Wanted},
-    commands::{rigs::from_log, tracks::Selection},
+    commands::tracks::Selection,
     diagnosis::{
         page::page,
         report::{Conclusion, Report},
@@ -24,12 +27,14 @@ use crate::{
     },
     exit::Exit,
     files::{self, Form, Outputs},
-    logs::{self, Flown},
+    logs,
     nominal::{NominalModel, control_in_words, laws_in_words},
     progress::Progress,
     recorded::{Nominal, NominalRig},
     words::{self, short},
 };
+#[cfg(feature = "exchange")]
+use draft::draft;
 
 /// Say where the sim-to-real gap of flights lies and which unmodelled effect causes it
 #[derive(Args)]
@@ -258,6 +263,9 @@ impl Prepared {
     }
 }
 
+/// Where a drafted rig comes from, in words.
+const DRAFT: &str = "a draft";
+
 /// The model that nominal flights make, from the rig named, the one that they carry, or a draft.
 fn nominal(
     flights: &[PathBuf],
@@ -271,11 +279,7 @@ fn nominal(
     let prior = if rig.rig.is_some() || carry() {
         rig.resolve(flights, selection.map())?
     } else {
-        let flown = flights.iter().map(|path| Flown::read(path, selection.map()));
-        let flown = flown.collect::<anyhow::Result<Vec<Flown>>>()?;
-        let draft =
-            from_log::drafted(flown, Path::new("model"), None).context("no model of the nominal flights")?;
-        Nominal { rig: draft.rig, from: "a draft".to_owned(), remarks: Vec::new() }
+        draft(flights, selection)?
     };
     let progress = Progress::of("diagnose");
     let model = NominalModel::of(flights, selection, &prior.rig, &progress)?;
@@ -284,7 +288,7 @@ fn nominal(
     let left: Vec<&str> =
         model.found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
     if !left.is_empty() {
-        let of = if prior.from == "a draft" { "as drafted" } else { "as before" };
+        let of = if prior.from == DRAFT { "as drafted" } else { "as before" };
         remarks.push(format!("the nominal flights do not tell, and the model has {of}: {}", left.join(", ")));
     }
     let from = format!("the model of {}", words::count(model.found.flights.len() as u64, "nominal flight"));
@@ -310,6 +314,12 @@ fn control(arguments: &Arguments, nominal: &Nominal, model: &NominalModel) -> an
         }
     }
     Ok(if holds { Exit::Done } else { Exit::CheckFailed })
+}
+
+/// A rig drafted from flights of which nothing else is known.
+#[cfg(not(feature = "exchange"))]
+fn draft(_: &[PathBuf], _: &Selection) -> anyhow::Result<Nominal> {
+    Err(crate::left_out::left_out("the draft of a rig that --nominal wants without --rig", "exchange"))
 }
 
 /// Recordings diagnosed with the built-in calibration, and the rig that they were held against.

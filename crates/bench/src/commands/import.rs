@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         .from(std::iter::once(arguments.log.as_path()).chain(arguments.map.as_deref()))
         .check()?;
     let map = match &arguments.map {
-        Some(map) => files::import_map(map)?,
+        Some(map) => logs::import_map(map)?,
         None => map_of(&arguments.log, arguments.rig.is_some())?,
     };
     let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
@@ -129,7 +129,7 @@ pub fn map_of(log: &Path, has_rig: bool) -> anyhow::Result<ImportMap> {
             "{shown} was written by `bench export`; name the rig that it was flown on with --rig, it is not in the table"
         );
     }
-    files::import_map(Path::new(map))
+    logs::import_map(Path::new(map))
 }
 
 /// The built-in map that suits what is in a log of topics.
@@ -138,7 +138,7 @@ fn map_of_topics(log: &Path, kind: &FileKind) -> anyhow::Result<Option<ImportMap
     if *kind == FileKind::Mcap && logs::is_own(log) {
         return Ok(None);
     }
-    let maps = library::LOG_MAPS.map(|name| files::import_map(Path::new(name)));
+    let maps = library::LOG_MAPS.map(|name| logs::import_map(Path::new(name)));
     let mut maps = maps.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     let chosen = choose(&maps, format, log)?;
     Ok(Some(maps.swap_remove(chosen)))

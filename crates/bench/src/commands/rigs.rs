@@ -1,4 +1,9 @@
+#[cfg(feature = "exchange")]
 pub mod from_log;
+#[cfg(not(feature = "exchange"))]
+crate::left_out::stand_in! {
+    from_log: "rigs from-log" "exchange";
+}
 
 use std::{
     fmt::Write as _,
@@ -6,9 +11,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_campaign::PlanFile;
-use bench_rig::{Mission, Rig, visit};
-use bench_suite::Suite;
+use bench_rig::{Rig, visit};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
@@ -81,9 +84,7 @@ fn entries() -> anyhow::Result<Vec<(Kind, String, PathBuf, String)>> {
                     let rig = Rig::read_with(&path, &text, &library::read)?;
                     format!("airframe {}, loop {} s", rig.airframe.name, rig.control_loop.period_s)
                 }
-                Kind::Mission => Mission::read(&path, &text)?.description,
-                Kind::Suite => Suite::read(&path, &text)?.description,
-                Kind::Sweep => PlanFile::read(&path, &text)?.description,
+                Kind::Mission | Kind::Suite | Kind::Sweep => text_at(&path, &text, "description")?,
                 _ => text
                     .lines()
                     .find_map(|line| line.strip_prefix('#'))
@@ -163,6 +164,16 @@ fn copy(arguments: &CopyArguments) -> anyhow::Result<Exit> {
         files::write_and_say(to, text)?;
     }
     Ok(Exit::Done)
+}
+
+/// What stands at a key at the top of a file; nothing where it has none.
+fn text_at(path: &Path, text: &str, key: &str) -> anyhow::Result<String> {
+    let visit::Value::Table(entries) = visit::parse(path, text)?.value else { return Ok(String::new()) };
+    let found = entries.into_iter().find_map(|(name, node)| match node.value {
+        visit::Value::Text(found) if name == key => Some(found),
+        _ => None,
+    });
+    Ok(found.unwrap_or_default())
 }
 
 /// Files that a rig or map names, as it names them.

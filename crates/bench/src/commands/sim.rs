@@ -1,9 +1,10 @@
+#[cfg(not(feature = "lab"))]
+mod unwatched;
+#[cfg(feature = "lab")]
+mod watched;
+
 use std::{
     path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
     time::{Duration, Instant},
 };
 
@@ -13,10 +14,8 @@ use bench_kinect::KinectError;
 use bench_plant::effects::parse_effect;
 use bench_recording::{ExportOptions, Finished, Options, Recorder, RecordingError, Session, export};
 use bench_rig::{Mission, Model, Rig};
-use bench_run::{Directive, StopReason, Tee, WallClock, check, simulate, simulate_seen};
-use bench_view::{About, Stage};
+use bench_run::{Directive, Tee, WallClock, check, simulate, simulate_seen};
 use clap::{Args, ValueEnum};
-use tokio::sync::mpsc;
 
 use crate::{
     arguments::{Force, Json, Meta, RigArgument},
@@ -24,13 +23,17 @@ use crate::{
     files::{self, Form, Outputs},
     flight::Flight,
     foxglove::{FoxgloveArguments, Server},
-    live::{self, Ends, LiveArguments, Page},
+    live::LiveArguments,
     progress::{self, Progress},
     recorded,
     recorded_views::RecordedViews,
     seen::{self, Watch},
-    signals, words,
+    words,
 };
+#[cfg(not(feature = "lab"))]
+use unwatched::Watched;
+#[cfg(feature = "lab")]
+use watched::Watched;
 
 /// Fly a mission in the virtual lab, as fast as it goes, and record it
 #[derive(Args)]
@@ -154,7 +157,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let foxglove = arguments.foxglove.open()?;
     let watched = Watched::open(arguments, &rig, &mission)?;
-    let Some((mut watched, mission, changes)) = started(watched, mission) else { return Ok(Exit::Stopped) };
+    let (mut watched, mission, changes) = match watched {
+        None => (None, mission, Vec::new()),
+        Some(watched) => match watched.started(&mission) {
+            Some((watched, mission, changes)) => (Some(watched), mission, changes),
+            None => return Ok(Exit::Stopped),
+        },
+    };
     files::make_folder(&output)?;
 
     let mut session = Session::simulated(&nominal, &added, &mission, arguments.seed);
@@ -170,14 +179,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         recorder.images().map(|images| RecordedViews::new(images, rate_hz, rig.tracker.latency_s.value))
     };
     let mut recorded_views = arguments.record_views.and_then(record_views);
-    let (watcher, mut controls) = watched
-        .as_mut()
-        .and_then(|watched| watched.ends.take())
-        .map(|ends| (ends.watcher, ends.controls))
-        .unzip();
-    let mut sink = Tee::new(recorder, watcher);
+    let mut sink = Tee::new(recorder, watched.as_mut().and_then(Watched::watcher));
     let mut frames = match (&watched, calibration) {
-        (Some(watched), Some(calibration)) => Some(watched.page.frames(calibration)?),
+        (Some(watched), Some(calibration)) => Some(watched.frames(calibration)?),
         _ => None,
     };
     let progress = Progress::of("sim");
@@ -195,10 +199,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             // A clock that fails does not wait, which costs the pace alone.
             let _ = clock.wait_until(flown.now.shifted(rig.control_loop.period_s));
         }
-        if watched.as_ref().is_some_and(|watched| watched.stop.load(Ordering::Relaxed)) {
-            return Directive::Stop(StopReason::Asked);
-        }
-        live::directive(controls.as_mut())
+        watched.as_mut().map_or(Directive::GoOn, Watched::asks)
     };
     let flown = match calibration {
         None => simulate(&rig, &mission, arguments.seed, &mut sink, each)?,
@@ -233,9 +234,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
     let exit = keep(arguments, &output, &finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
-        let outcome = flight.outcome(&flight.in_words(&finished));
-        let Watched { page, runtime, mut interrupts, .. } = watched;
-        runtime.block_on(page.stay(outcome, interrupted(&mut interrupts)));
+        watched.landed(&flight, &finished);
     }
     Ok(exit)
 }
@@ -298,60 +297,6 @@ fn keep(
         progress::note(&format!("exported {} to {}", words::tables(&exported), table.display()));
     }
     Ok(None)
-}
-
-/// A simulation that somebody watches.
-struct Watched {
-    page: Page,
-    /// Until the flight takes them.
-    ends: Option<Ends>,
-    stop: Arc<AtomicBool>,
-    runtime: tokio::runtime::Runtime,
-    interrupts: mpsc::UnboundedReceiver<&'static str>,
-}
-
-impl Watched {
-    fn open(arguments: &Arguments, rig: &Rig, mission: &Mission) -> anyhow::Result<Option<Self>> {
-        let about = || About {
-            mode: "sim",
-            rig: rig.clone(),
-            mission: mission.clone(),
-            real_time: arguments.realtime,
-            views: arguments.frames,
-            truth: true,
-        };
-        let Some((page, ends)) = arguments.live.open(about)? else { return Ok(None) };
-        let stop = Arc::new(AtomicBool::new(false));
-        let interrupts = signals::heed(Arc::clone(&stop))?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        Ok(Some(Self { page, ends: Some(ends), stop, runtime, interrupts }))
-    }
-}
-
-/// A mission on its way into the air, with who watches it and what the operator changed.
-type Started = (Option<Watched>, Mission, Vec<String>);
-
-/// Waits for START where somebody watches; `None` when nothing is to be flown.
-fn started(watched: Option<Watched>, mission: Mission) -> Option<Started> {
-    let Some(mut watched) = watched else { return Some((None, mission, Vec::new())) };
-    let Watched { page, runtime, interrupts, .. } = &mut watched;
-    let checked = vec!["airframe, tracker and outputs are simulated".to_owned()];
-    match runtime.block_on(page.start(&mission, checked, None, interrupted(interrupts))) {
-        Ok(start) => {
-            page.stage(Stage::Flying);
-            Some((Some(watched), start.mission, start.changes))
-        }
-        Err(why) => {
-            crate::words::say!("not flown: {why}");
-            watched.page.close(live::not_flown(&why));
-            None
-        }
-    }
-}
-
-async fn interrupted(interrupts: &mut mpsc::UnboundedReceiver<&'static str>) -> &'static str {
-    // The thread that tells lives as long as the program.
-    interrupts.recv().await.unwrap_or("interrupted")
 }
 
 /// Named after all that tells this simulation from others.

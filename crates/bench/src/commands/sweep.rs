@@ -19,6 +19,7 @@ use crate::{
     arguments::{Force, Json},
     exit::Exit,
     files::{self, Form, Outputs},
+    library,
     progress::{self, Progress},
     sweeps::Names,
     words,
@@ -172,7 +173,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 
 /// Reads a plan: a file, or one of the library by its name.
 fn read(named: &Path) -> anyhow::Result<Plan> {
-    let (path, text) = files::sweep(named)?;
+    let (path, text) = files::text_of(library::Kind::Sweep, named)?;
     Ok(Plan::read(&path, &text, &Names { file: &path })?)
 }
 

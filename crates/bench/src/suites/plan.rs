@@ -12,7 +12,11 @@ use bench_rig::{Actuation, Bench, Mission, Problem, Rig, RigError};
 use bench_suite::{Case, Limit, MissionCriteria, Mode, Side, Suite, Test};
 
 use super::sha256;
-use crate::{files, library, recorded, seen, words};
+use crate::{
+    files,
+    library::{self, Kind},
+    recorded, seen, words,
+};
 
 /// A test with all that it needs to be flown.
 #[derive(Clone, Debug)]
@@ -73,7 +77,7 @@ impl Plan {
         port: Option<&str>,
         effects: &[String],
     ) -> anyhow::Result<(Self, Vec<Problem>)> {
-        let (path, text) = files::suite(named)?;
+        let (path, text) = files::text_of(Kind::Suite, named)?;
         let (suite, mut problems) = Suite::read_as_far_as_possible(&path, &text)?;
         let all = suite.tests();
         let whole = all.len();

@@ -2,8 +2,10 @@
 
 mod csv;
 mod flight_table;
+#[cfg(feature = "exchange")]
 mod parquet;
 mod table;
+#[cfg(feature = "exchange")]
 mod xlsx;
 
 use std::{
@@ -55,8 +57,14 @@ pub fn export(
     let mut target = Target { path: output, file: BufWriter::new(file) };
     let rows = match format {
         Format::Csv => vec![csv::write(tables[0].as_ref(), &mut target)?],
+        #[cfg(feature = "exchange")]
         Format::Parquet => vec![parquet::write(tables[0].as_ref(), &mut target)?],
+        #[cfg(feature = "exchange")]
         Format::Xlsx => xlsx::write(&tables, &recording, &mut target)?,
+        #[cfg(not(feature = "exchange"))]
+        Format::Parquet | Format::Xlsx => {
+            return Err(RecordingError::TableNotBuilt { path: output.to_owned() });
+        }
     };
     target.file.flush().map_err(|error| partial.error(error))?;
     partial.complete(target.file.get_ref())?;

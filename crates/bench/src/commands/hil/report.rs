@@ -8,7 +8,7 @@ use bench_view::Outcome;
 use serde_json::{Value, json};
 
 use super::loop_thread::{Ready, Saw};
-use crate::{exit::Exit, eyes, flight::Flight};
+use crate::{exit::Exit, eyes, flight::Flight, live};
 
 /// A flight on hardware as told to a person or a program.
 pub struct Report<'a> {
@@ -37,7 +37,7 @@ impl Report<'_> {
 
     /// The flight as the live page tells it.
     pub fn outcome(&self, finished: &Result<Finished, RecordingError>) -> Outcome {
-        let outcome = self.flight().outcome(&self.in_words(finished));
+        let outcome = live::outcome(&self.flight(), &self.in_words(finished));
         Outcome { passed: self.exit() == Exit::Done, ..outcome }
     }
 
