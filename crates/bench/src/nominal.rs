@@ -119,7 +119,7 @@ pub fn control_in_words(control: &[Fold]) -> Vec<String> {
     )];
     let (wrong, right): (Vec<_>, Vec<_>) = control.iter().partition(|fold| !fold.is_none());
     lines.extend(wrong.into_iter().chain(right).map(|fold| {
-        let gain = fold.gains.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let gain = fold.gains.iter().map(|gain| gain.nats).fold(0.0, f64::max);
         format!(
             "  {}: {} {} (at most {gain:.0} nats)",
             named(fold.flights.iter().map(String::as_str)),

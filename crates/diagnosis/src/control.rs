@@ -27,7 +27,16 @@ pub struct Fold {
     /// Its probability.
     pub probability: f64,
     /// Gain of each hypothesis over none, nats, those below one left out.
-    pub gains: Vec<(String, f64)>,
+    pub gains: Vec<Gain>,
+}
+
+/// What a hypothesis gains over none.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Gain {
+    /// An effect, two of them as `a+b`, or `unknown`.
+    pub hypothesis: String,
+    /// Gain of log-evidence, nats.
+    pub nats: f64,
 }
 
 /// What leads where nothing is found.
@@ -50,7 +59,12 @@ impl Fold {
             measurements: problem.counted(),
             leading,
             probability,
-            gains: analysis.weighed.counted().filter(|(_, gain)| *gain > LEAST_NATS).collect(),
+            gains: analysis
+                .weighed
+                .counted()
+                .filter(|(_, nats)| *nats > LEAST_NATS)
+                .map(|(hypothesis, nats)| Gain { hypothesis, nats })
+                .collect(),
         }
     }
 
@@ -64,8 +78,8 @@ impl Fold {
 pub fn held_out(folds: &[Fold]) -> Vec<HeldOut> {
     let mut most: Vec<HeldOut> = Vec::new();
     for fold in folds {
-        for (hypothesis, gain) in &fold.gains {
-            let nats_per_measurement = gain / fold.measurements.max(1) as f64;
+        for Gain { hypothesis, nats } in &fold.gains {
+            let nats_per_measurement = nats / fold.measurements.max(1) as f64;
             match most.iter_mut().find(|known| known.hypothesis == *hypothesis) {
                 Some(known) => {
                     known.nats_per_measurement = known.nats_per_measurement.max(nats_per_measurement);

@@ -31,7 +31,7 @@ pub use agree::{Agreeing, Disagreement};
 pub use allowed::{Ahead, Off};
 pub use analysis::Analysis;
 pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
-pub use control::{Fold, held_out};
+pub use control::{Fold, Gain, held_out};
 pub use diagnose::{
     Alternative, Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, PLAIN_NATS,
     ParameterValue, Place, RegionTold, Verdict,

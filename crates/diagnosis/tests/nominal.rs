@@ -4,7 +4,7 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Calibration, Diagnosis, Fold, Verdict, held_out};
+use bench_diagnosis::{Calibration, Diagnosis, Fold, Gain, Verdict, held_out};
 use bench_filter::Track;
 use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
@@ -57,7 +57,9 @@ fn what_is_held_out_reads_back() {
         measurements,
         leading: hypothesis.to_owned(),
         probability: 0.5,
-        gains: vec![(hypothesis.to_owned(), gain), (format!("{hypothesis}+gusts"), gain)],
+        gains: [hypothesis.to_owned(), format!("{hypothesis}+gusts")]
+            .map(|hypothesis| Gain { hypothesis, nats: gain })
+            .to_vec(),
     };
     // The most of any block; a pair that gains no more than what it is made of is not told.
     rig.held_out =
