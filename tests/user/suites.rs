@@ -2,12 +2,14 @@
 
 use std::{
     fs,
+    io::{BufReader, Read as _, Write as _},
     path::Path,
     process::{Child, Command, Stdio},
     time::{Duration, Instant},
 };
 
 use serde_json::Value;
+use serialport::SerialPort as _;
 
 use crate::{
     hil::{Emulated, short_mission},
@@ -406,6 +408,116 @@ fn the_same_suite_flies_on_the_simulator_and_through_a_board() {
         "{head:?}"
     );
     assert_eq!(rows.records().count(), 3);
+}
+
+/// A terminal, and who sits at it.
+struct Terminal {
+    keys: serialport::TTYPort,
+    screen: BufReader<serialport::TTYPort>,
+    /// The program's end.
+    end: String,
+    _open: serialport::TTYPort,
+}
+
+impl Terminal {
+    fn new() -> Self {
+        let (keys, open) = serialport::TTYPort::pair().unwrap();
+        let mut screen = keys.try_clone_native().unwrap();
+        screen.set_timeout(Duration::from_secs(60)).unwrap();
+        Self { keys, screen: BufReader::new(screen), end: open.name().unwrap(), _open: open }
+    }
+
+    fn opened(&self) -> Stdio {
+        fs::File::options().read(true).write(true).open(&self.end).unwrap().into()
+    }
+
+    /// Reads until these words are on the screen.
+    fn wait_for(&mut self, words: &str) {
+        let mut shown = Vec::new();
+        while !String::from_utf8_lossy(&shown).ends_with(words) {
+            let mut next = [0];
+            self.screen.read_exact(&mut next).unwrap_or_else(|error| {
+                panic!("{error} instead of {words:?} after {:?}", String::from_utf8_lossy(&shown))
+            });
+            shown.extend(next);
+        }
+    }
+
+    fn type_in(&mut self, keys: &str) {
+        self.keys.write_all(keys.as_bytes()).unwrap();
+    }
+}
+
+#[test]
+fn what_a_suite_must_know_is_asked_for_on_a_terminal() {
+    let scratch = Scratch::new();
+    let suite = write(
+        &scratch,
+        "asks.toml",
+        "name = \"asks\"\ndescription = \"It asks.\"\nask = [\"operator\", \"battery\", \"room\"]\n\n[[case]]\n\
+         name = \"hop\"\nrig = \"virtual\"\nmission = \"hop\"\n",
+    );
+    let mut terminal = Terminal::new();
+    let mut process = Command::new(env!("CARGO_BIN_EXE_bench"))
+        .args(["test", &suite, "-o", &scratch.name("results"), "--meta", "battery=3"])
+        .stdin(terminal.opened())
+        .stdout(Stdio::piped())
+        .stderr(terminal.opened())
+        .spawn()
+        .unwrap();
+    terminal.wait_for("operator: ");
+    // An empty answer is none.
+    terminal.type_in("\n");
+    terminal.wait_for("operator: ");
+    terminal.type_in("  Ada Lovelace \n");
+    // What was given is not asked for.
+    terminal.wait_for("room: ");
+    terminal.type_in("2\n");
+    terminal.wait_for("report.html");
+    assert_eq!(process.wait().unwrap().code(), Some(0));
+    let report = read(&scratch.path("results/results.json"));
+    let known = serde_json::json!({ "battery": "3", "operator": "Ada Lovelace", "room": "2" });
+    assert_eq!(report["meta"], known);
+    let info = bench(["info", &scratch.name("results/recordings/hop_r1.mcap"), "--json"]).assert().success();
+    assert_eq!(json(&info)["extra"]["meta.operator"], "Ada Lovelace");
+}
+
+#[test]
+fn a_station_logs_single_simulations_and_keeps_their_recordings() {
+    let scratch = Scratch::new();
+    let station = scratch.name("lab");
+    let sim = |more: &[&str]| {
+        let mut command = bench(["sim", "--mission", "hop", "--meta", "operator=Ada"]);
+        command.args(more);
+        command
+    };
+    let wrong = ["--station", &station, "--export", &scratch.name("table.txt")];
+    refused(sim(&wrong), 2);
+    refused(sim(&["--station", &station, "-o", &scratch.name("hop.mcap")]), 2);
+    sim(&["--station", &station]).assert().success();
+    sim(&["--seed", "1"]).env("BENCH_STATION", &station).assert().success();
+    let lag = "rotor-lag:time_constant_s=0.15";
+    sim(&["--station", &station, "--frames", "--effect", lag]).assert().code(vec![0, 1]);
+    // What is named goes where it is named.
+    sim(&["-o", &scratch.name("hop.mcap")]).env("BENCH_STATION", &station).assert().success();
+    let runs = json(&bench(["runs", "--station", &station, "--json"]).assert().success());
+    assert_eq!(runs["count"], 3, "what is wrong with the command is no run");
+    let runs = runs["runs"].as_array().unwrap();
+    let of = |key: &str| runs.iter().map(|run| run[key].clone()).collect::<Vec<_>>();
+    assert_eq!(of("mode"), ["frames", "sim", "sim"]);
+    assert_eq!(of("effects"), [lag, "", ""]);
+    assert_eq!(of("seed"), [0, 1, 0]);
+    for run in runs {
+        assert_eq!(
+            (&run["suite"], &run["test"], &run["meta"]["operator"]),
+            (&"sim".into(), &"hop".into(), &"Ada".into())
+        );
+        assert!(run["figures"]["peak"].as_f64() > Some(0.1), "{run}");
+        let recording = format!("{station}/{}", run["recording"].as_str().unwrap());
+        let info = json(&bench(["info", &recording, "--json"]).assert().success());
+        assert_eq!((&info["seed"], &info["extra"]["meta.operator"]), (&run["seed"], &"Ada".into()));
+    }
+    assert_eq!((&runs[2]["outcome"], &runs[2]["reason"]), (&"passed".into(), &Value::Null));
 }
 
 #[test]
