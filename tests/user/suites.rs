@@ -669,6 +669,62 @@ fn commands_of_the_ci_files_fly_a_suite_as_they_stand() {
     }
 }
 
+/// A workflow with its commented-out job for the lab in it.
+fn with_lab(workflow: &str) -> String {
+    let mut in_lab = false;
+    let lines = workflow.lines().map(|line| {
+        let Some((indent, rest)) = line.split_once("# ") else { return line.to_owned() };
+        in_lab |= rest == "lab:";
+        if in_lab && indent.trim().is_empty() { format!("{indent}{rest}") } else { line.to_owned() }
+    });
+    let text: Vec<String> = lines.collect();
+    assert!(in_lab, "{workflow}");
+    text.join("\n") + "\n"
+}
+
+#[test]
+#[ignore = "needs Python's check-jsonschema: tests/run"]
+fn python_ci_files_are_as_their_services_want() {
+    let scratch = Scratch::new();
+    let python = std::env::var("BENCH_PYTHON").expect("BENCH_PYTHON is set by tests/run");
+    let services: [(&str, &[&str]); 2] = [
+        ("github.yml", &["vendor.github-workflows"]),
+        ("gitlab.yml", &["vendor.gitlab-ci", "--data-transform", "gitlab-ci"]),
+    ];
+    for (file, schema) in services {
+        let text = fs::read_to_string(root().join("docs/ci").join(file)).unwrap();
+        let with_lab = with_lab(&text);
+        assert!(with_lab.matches("bench test ").count() == 2, "{with_lab}");
+        let check = |name: &str, text: &str| {
+            let path = write(&scratch, name, text);
+            let mut check = Command::new(&python);
+            check
+                .args(["-m", "check_jsonschema", "--builtin-schema"])
+                .args(schema)
+                .arg(path)
+                .output()
+                .unwrap()
+        };
+        for text in [&text, &with_lab] {
+            let checked = check(file, text);
+            assert!(checked.status.success(), "{file}: {}", String::from_utf8_lossy(&checked.stdout));
+        }
+        // It does refuse.
+        assert!(
+            !check(file, &with_lab.replace("tags:", "tag:").replace("runs-on:", "run-on:")).status.success()
+        );
+    }
+}
+
+#[test]
+fn the_image_is_built_by_the_rust_that_all_is_tested_with() {
+    let read = |file: &str| fs::read_to_string(root().join(file)).unwrap();
+    let toolchain: toml::Value = toml::from_str(&read("rust-toolchain.toml")).unwrap();
+    let version = toolchain["toolchain"]["channel"].as_str().unwrap().rsplit_once('.').unwrap().0;
+    let image = read("docs/ci/Containerfile");
+    assert!(image.contains(&format!("/rust:{version}-slim-bookworm AS build\n")), "{version}: {image}");
+}
+
 #[test]
 fn an_interrupted_suite_tells_what_was_flown() {
     let scratch = Scratch::new();
