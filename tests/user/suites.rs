@@ -259,6 +259,14 @@ fn a_baseline_catches_one_hundredth_of_thrust_and_is_replaced_on_purpose_alone()
     let words = stdout(&test(&["--record-baselines"]).assert().success());
     assert!(words.starts_with("new           climb"), "{words}");
     test(&["--force"]).assert().success();
+    // What is stored is thinned, and says so.
+    let size = |file: &str| fs::metadata(scratch.path(file)).unwrap().len();
+    let stored = scratch.name("guarded.baselines/climb.mcap");
+    assert!(2 * size("guarded.baselines/climb.mcap") < size("results/recordings/climb_r1.mcap"));
+    let info = json(&bench(["info", &stored, "--json"]).assert().success());
+    assert_eq!(info["extra"]["thinned_to_s"], "0.05");
+    let words = stdout(&test(&["--record-baselines", "--force"]).assert().success());
+    assert!(words.starts_with("the same      climb"), "{words}");
     let less = ["--effect", "thrust-loss:fraction=0.01", "--force"];
     let words = stdout(&test(&less).assert().code(1));
     assert!(words.contains("FAILED  climb") && words.contains("against the baseline climb.mcap"), "{words}");
@@ -278,6 +286,14 @@ fn a_baseline_catches_one_hundredth_of_thrust_and_is_replaced_on_purpose_alone()
     assert_eq!(fs::read(scratch.path("guarded.baselines/climb.mcap")).unwrap(), baseline);
     assert!(seen(&["--force"], 0).starts_with("replaced      climb"));
     assert_ne!(fs::read(scratch.path("guarded.baselines/climb.mcap")).unwrap(), baseline);
+
+    // The recording as it is, for who has the room; it catches no more and no less.
+    fs::remove_dir_all(scratch.path("guarded.baselines")).unwrap();
+    test(&["--record-baselines=whole", "--force"]).assert().success();
+    let flown = fs::read(scratch.path("results/recordings/climb_r1.mcap")).unwrap();
+    assert_eq!(fs::read(&stored).unwrap(), flown);
+    test(&["--force"]).assert().success();
+    test(&less).assert().code(1);
 
     // With another rig the recording stands for nothing.
     bench(["rigs", "copy", "virtual", "-o", &scratch.name("mine.toml")]).assert().success();
