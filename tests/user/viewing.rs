@@ -74,7 +74,12 @@ fn python_viewers_open_a_flight_with_its_views() {
     assert!(words.starts_with("same"), "{words}");
 
     let script: &Path = &root().join("crates/recording/tests/python_viewers.py");
-    let output = Command::new(python).arg(script).arg(&flight).arg(scratch.path("")).output().unwrap();
+    let output = Command::new(python)
+        .arg(script)
+        .arg(&flight)
+        .args([scratch.path(""), root().join("docs/viewing/rerun_view.py")])
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let seen: Value = serde_json::from_slice(&output.stdout).unwrap();
     let (foxglove, rerun) = (&seen["foxglove"], &seen["rerun"]);
@@ -99,4 +104,11 @@ fn python_viewers_open_a_flight_with_its_views() {
     assert_eq!(rows("/tf_static", "Transform3D:quaternion"), 2);
     assert_eq!(rows("/camera/calibration", "Pinhole:image_from_camera"), 1);
     assert_eq!(rows("/bench/event", "TextLog:text"), count("/bench/event"));
+    // The scene is drawn by our script: floor and ceiling where they are, airframe and marker where the airframe is.
+    let script = &seen["script"];
+    for entity in ["floor/cubes", "ceiling/cubes", "airframe/cubes", "airframe/cylinders", "marker/cubes"] {
+        let drawn = &script[format!("/room/{entity}")];
+        assert_eq!(drawn["CoordinateFrame:frame"], 1, "{entity}: {drawn}");
+    }
+    assert_eq!(script["/tf"], rerun["/tf"], "all else is there as well");
 }

@@ -30,6 +30,17 @@ impl Flight<'_> {
         }
     }
 
+    /// How it ended, in a sentence.
+    pub fn headline(&self) -> String {
+        match (&self.flown.ending, self.exit()) {
+            (Ending::Stopped(reason), _) => format!("Stopped: {reason}"),
+            (Ending::Fault(error), _) => format!("Fault: {error}"),
+            (Ending::Panicked(_), _) => "The program failed; the throttle went to rest".to_owned(),
+            (Ending::Complete, Exit::Done) => "Flown, and all criteria met".to_owned(),
+            (Ending::Complete, _) => "Flown, but criteria were missed".to_owned(),
+        }
+    }
+
     /// What flew where.
     pub fn name(&self) -> String {
         let (mission, airframe) = (&self.mission.name, &self.rig.airframe.name);

@@ -7,6 +7,23 @@ pub fn left_out(what: &str, feature: &str) -> anyhow::Error {
     )
 }
 
+/// What stands for the station of a single flight.
+#[cfg(not(feature = "lab"))]
+#[derive(clap::Args)]
+#[group(skip)]
+pub struct StationArgument {
+    #[arg(long, value_name = "FOLDER", hide = true)]
+    station: Option<std::path::PathBuf>,
+}
+
+#[cfg(not(feature = "lab"))]
+impl StationArgument {
+    /// An error if a station is named.
+    pub fn refuse(&self) -> anyhow::Result<()> {
+        self.station.as_ref().map_or(Ok(()), |_| Err(left_out("the log of a station", "lab")))
+    }
+}
+
 /// Modules that stand for commands that are left out. They take whatever the commands take, a call for help too, and say so.
 macro_rules! stand_in {
     ($($module:ident: $name:literal $feature:literal;)+) => {

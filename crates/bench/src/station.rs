@@ -9,11 +9,62 @@ use std::{
 
 use anyhow::bail;
 use bench_recording::Flight;
-use bench_rig::Criteria;
+use bench_rig::{Mission, Rig};
 use bench_station::{Begun, Entry, Finished, Log};
-use bench_suite::{MissionCriteria, judge};
+use bench_suite::{MissionCriteria, file_stem, judge};
+use clap::Args;
 
-use crate::{exit::Exit, suites::sha256, words};
+use crate::{arguments::Meta, exit::Exit, recorded, suites::sha256, words};
+
+/// The station of a single flight.
+#[derive(Args)]
+#[group(skip)]
+pub struct StationArgument {
+    /// Folder of the station that flies: its log, which names and keeps the recording [default: what `BENCH_STATION` names, if there
+    /// is no --output]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["output", "force"])]
+    station: Option<PathBuf>,
+}
+
+impl StationArgument {
+    /// Opens the station, where there is one; a recording that is named goes to none but a station that is named as well.
+    pub fn open(&self, output: Option<&Path>) -> anyhow::Result<Option<Station>> {
+        let ours =
+            || std::env::var_os("BENCH_STATION").filter(|folder| !folder.is_empty()).map(PathBuf::from);
+        let folder = self.station.clone().or_else(|| output.is_none().then(ours).flatten());
+        folder.as_deref().map(Station::open).transpose()
+    }
+}
+
+/// A flight that belongs to no suite.
+pub struct Single<'a> {
+    /// The command that flies it.
+    pub command: &'a str,
+    pub mode: &'a str,
+    pub nominal: &'a Rig,
+    /// Effects beyond the nominal rig.
+    pub added: &'a [String],
+    pub mission: &'a Mission,
+    pub seed: u64,
+    pub meta: &'a Meta,
+}
+
+impl Single<'_> {
+    fn entry(&self) -> Entry {
+        Entry {
+            started_unix_s: recorded::since_1970().as_secs_f64(),
+            suite: self.command.to_owned(),
+            test: self.mission.name.clone(),
+            rig: self.nominal.name.clone(),
+            mission: self.mission.name.clone(),
+            mode: self.mode.to_owned(),
+            effects: self.added.join("; "),
+            seed: self.seed,
+            repeat: 0,
+            bench_version: env!("CARGO_PKG_VERSION").to_owned(),
+        }
+    }
+}
 
 /// Where runs are logged and their recordings kept.
 pub struct Station {
@@ -32,9 +83,9 @@ impl Station {
         &self.folder
     }
 
-    /// Enters a run, which gives its recording a name.
-    pub fn begin(&self, entry: &Entry) -> anyhow::Result<Begun> {
-        let begun = self.with(|log| log.begin(entry))?;
+    /// Enters a run, which gives its recording a name that ends in `stem`.
+    pub fn begin(&self, entry: &Entry, meta: &BTreeMap<String, String>, stem: &str) -> anyhow::Result<Begun> {
+        let begun = self.with(|log| log.begin(entry, meta, stem))?;
         if begun.recording.exists() {
             bail!(
                 "{} exists, although the log gave its name to no run; move it away",
@@ -53,22 +104,25 @@ impl Station {
     /// that says why.
     pub fn fly(
         &self,
-        entry: &Entry,
-        criteria: &Criteria,
+        flight: &Single<'_>,
         fly: impl FnOnce(&Path) -> anyhow::Result<(Exit, String)>,
     ) -> anyhow::Result<Exit> {
         let began = Instant::now();
-        let Begun { id, recording } = self.begin(entry)?;
+        let meta = flight.meta.meta.iter().cloned().collect();
+        let Single { command, nominal, mission, seed, .. } = flight;
+        let stem = file_stem(&format!("{command}_{}_{}_seed{seed}", nominal.name, mission.name));
+        let Begun { id, recording } = self.begin(&flight.entry(), &meta, &stem)?;
         let flown = fly(&recording);
         let (outcome, reason) = match &flown {
             Ok((Exit::Done, _)) => ("passed", None),
             Ok((Exit::CheckFailed, why)) => ("failed", Some(why.clone())),
+            Ok((Exit::DataLoss, _)) => ("error", Some("flown, but not all of it was recorded".to_owned())),
             Ok((_, why)) => ("error", Some(why.clone())),
             Err(error) => ("error", Some(words::causes(error))),
         };
         let bytes = std::fs::read(&recording).ok();
         let figures = Flight::load(&recording).map(|flight| {
-            judge(&flight, &[], MissionCriteria::Ignore, criteria).figures.into_iter().collect()
+            judge(&flight, &[], MissionCriteria::Ignore, &mission.criteria).figures.into_iter().collect()
         });
         let finished = Finished {
             outcome: outcome.to_owned(),

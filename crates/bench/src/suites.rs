@@ -6,7 +6,7 @@ mod flying;
 mod plan;
 mod results;
 
-pub use baselines::{Baselines, Change};
+pub use baselines::{Baselines, Change, Stored};
 pub use diagnose::{compare_back_to_back, comparison};
 pub use flying::Flying;
 pub use plan::{Plan, Planned, Selected};

@@ -4,7 +4,7 @@ use std::{
     fmt::Write as _,
     fs::File,
     io::{self, BufRead, BufReader, Write},
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         mpsc::{Receiver, RecvTimeoutError, Sender, channel},
@@ -70,11 +70,18 @@ pub struct Flight {
     exposures: Exposures,
     renderer: Renderer,
     truth: Option<File>,
+    hidden_while: Option<PathBuf>,
 }
 
 impl Flight {
-    /// An airframe at rest before the camera of a rig. `truth` is a file for what really happens.
-    pub fn new(mut rig: Rig, seed: u64, truth: Option<&Path>) -> io::Result<Self> {
+    /// An airframe at rest before the camera of a rig. `truth` is a file for what really happens; while there is a file
+    /// `hidden_while`, the camera does not see the airframe.
+    pub fn new(
+        mut rig: Rig,
+        seed: u64,
+        truth: Option<&Path>,
+        hidden_while: Option<PathBuf>,
+    ) -> io::Result<Self> {
         let renderer =
             Renderer::new(calibration(&rig)?, &Scene::with_distractors(), Settings::default(), seed);
         rig.tracker.latency_s.value = (rig.tracker.latency_s.value - TRANSPORT_S).max(0.0);
@@ -83,7 +90,8 @@ impl Flight {
         if let Some(file) = &mut truth {
             file.write_all(b"time_s,x_m,y_m,z_m,throttle_v\n")?;
         }
-        Ok(Self { world: lab.world.clone(), exposures: lab.world.into_exposures(), renderer, truth })
+        let (world, exposures) = (lab.world.clone(), lab.world.into_exposures());
+        Ok(Self { world, exposures, renderer, truth, hidden_while })
     }
 
     /// Flies for ever: pins move the airframe, each exposure is rendered and released.
@@ -112,8 +120,9 @@ impl Flight {
                     attitude: exposure.attitude,
                     body_rate_rad_s: exposure.body_rate_rad_s,
                 };
+                let hidden = self.hidden_while.as_ref().is_some_and(|file| file.exists());
                 let mut frame = Frame::default();
-                self.renderer.render(pose.time, Some(&pose), &mut frame);
+                self.renderer.render(pose.time, (!hidden).then_some(&pose), &mut frame);
                 shutter.release(&Arc::new(frame));
             }
         }

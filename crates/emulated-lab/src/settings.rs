@@ -22,6 +22,9 @@ pub struct Settings {
     /// Where to write what really happened in a flight, as CSV.
     #[serde(default)]
     pub truth: Option<PathBuf>,
+    /// As long as this file is there, something stands before the airframe, and the camera of a lab that flies does not see it.
+    #[serde(default)]
+    pub hidden_while: Option<PathBuf>,
     /// What goes wrong between camera and host.
     #[serde(default)]
     pub faults: Faults,

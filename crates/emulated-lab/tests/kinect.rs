@@ -30,7 +30,15 @@ fn variable(name: &str) -> String {
 /// Runs a script in the kernel with a Kinect plugged in; `$client` is the driver's client, `$work` the folder.
 fn run(faults: Faults, script: &str, patience_s: u64) -> (TempDir, Outcome) {
     let work = tempfile::tempdir().unwrap();
-    let settings = Settings { rig: rig(), effects: vec![], seed: SEED, board: None, truth: None, faults };
+    let settings = Settings {
+        rig: rig(),
+        effects: vec![],
+        seed: SEED,
+        board: None,
+        truth: None,
+        hidden_while: None,
+        faults,
+    };
     settings.write(work.path()).unwrap();
     let lab = Lab::from_env(env!("CARGO_BIN_EXE_emulated-lab"))
         .expect("BENCH_USB_KERNEL names the kernel (tests/run)");

@@ -16,9 +16,10 @@ use crate::{
 /// Name under which events are logged.
 const LOG_NAME: &str = "bench";
 
-/// Appends the record as protobuf. Events alone have the log time in them, which counts from the epoch.
-pub(crate) fn encode(record: &Record, epoch_ns: u64, out: &mut Vec<u8>) {
-    let mut fields = Fields(out);
+/// Appends the record as protobuf, with numbers of single precision if wanted. Events alone have the log time in them, which counts from
+/// the epoch.
+pub(crate) fn encode(record: &Record, epoch_ns: u64, single: bool, out: &mut Vec<u8>) {
+    let mut fields = Fields { out, single };
     match record {
         Record::Position(position) => encode_position(position, &mut fields),
         Record::Motion(motion) => encode_motion(motion, &mut fields),
@@ -610,7 +611,7 @@ mod tests {
             for record in records(&numbers, &integers, &flags, &text) {
                 let channel = record.channel();
                 let mut bytes = Vec::new();
-                encode(&record, 0, &mut bytes);
+                encode(&record, 0, false, &mut bytes);
                 prop_assert_eq!(&by_prost(channel, &bytes), &bytes, "{:?}", record);
                 prop_assert_eq!(decode(channel, 0, &bytes), Ok(record));
                 prop_assert_eq!(super::decode_any_layout(channel, &bytes), Ok(record));
@@ -625,7 +626,7 @@ mod tests {
         for record in records(&[1.5, 0.0, -2.0], &[7, 0, 1 << 60], &[true, false, true], "text") {
             let channel = record.channel();
             let mut bytes = Vec::new();
-            encode(&record, 0, &mut bytes);
+            encode(&record, 0, false, &mut bytes);
             let expected = (channel != Channel::Event).then_some(record);
             assert_eq!(super::decode_own_layout(channel, &bytes), expected);
         }
@@ -636,7 +637,7 @@ mod tests {
     fn other_layouts_are_read_by_the_general_decoder() {
         let battery = Battery { time: Time::from_nanos(300), voltage_v: 3.7, current_a: Some(0.5) };
         let mut bytes = Vec::new();
-        encode(&battery.into(), 0, &mut bytes);
+        encode(&battery.into(), 0, false, &mut bytes);
         let (time, rest) = bytes.split_at(3);
         let unknown = [10 << 3, 1];
         for other in [[rest, time].concat(), [&bytes[..], &unknown].concat(), [&unknown, &bytes[..]].concat()]
@@ -660,7 +661,7 @@ mod tests {
             Event { time, level: Level::Error, text }.into(),
         ] {
             let mut bytes = Vec::new();
-            encode(&record, 0, &mut bytes);
+            encode(&record, 0, false, &mut bytes);
             assert!(same(&decode(record.channel(), 0, &bytes).unwrap(), &record));
         }
     }

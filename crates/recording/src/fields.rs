@@ -9,12 +9,16 @@ const FIXED_64: u8 = 1;
 const LENGTH_DELIMITED: u8 = 2;
 
 /// Appends fields to a message. Numbers of fields are 1 to 15, whose keys take one byte.
-pub(crate) struct Fields<'a>(pub &'a mut Vec<u8>);
+pub(crate) struct Fields<'a> {
+    pub out: &'a mut Vec<u8>,
+    /// Whether numbers are rounded to single precision. They take as many bytes, of which compressing leaves half.
+    pub single: bool,
+}
 
 impl Fields<'_> {
     pub fn integer(&mut self, number: u8, value: u64) {
         if value != 0 {
-            self.0.push(key(number, VARINT));
+            self.out.push(key(number, VARINT));
             self.varint(value);
         }
     }
@@ -34,9 +38,10 @@ impl Fields<'_> {
     /// An `optional` field, there whatever its value if it was measured.
     pub fn measured(&mut self, number: u8, value: Option<f64>) {
         if let Some(value) = value {
+            let value = if self.single { f64::from(value as f32) } else { value };
             let mut field = [key(number, FIXED_64); 9];
             field[1..].copy_from_slice(&value.to_le_bytes());
-            self.0.extend_from_slice(&field);
+            self.out.extend_from_slice(&field);
         }
     }
 
@@ -66,28 +71,28 @@ impl Fields<'_> {
 
     pub fn text(&mut self, number: u8, text: &str) {
         if !text.is_empty() {
-            self.0.push(key(number, LENGTH_DELIMITED));
+            self.out.push(key(number, LENGTH_DELIMITED));
             self.varint(text.len() as u64);
-            self.0.extend_from_slice(text.as_bytes());
+            self.out.extend_from_slice(text.as_bytes());
         }
     }
 
     /// A message within the message, of 127 bytes at most: its length takes one byte, which stands before it is known.
     pub fn message(&mut self, number: u8, fill: impl FnOnce(&mut Fields)) {
-        self.0.extend_from_slice(&[key(number, LENGTH_DELIMITED), 0]);
-        let begin = self.0.len();
-        fill(&mut Fields(self.0));
-        let length = self.0.len() - begin;
+        self.out.extend_from_slice(&[key(number, LENGTH_DELIMITED), 0]);
+        let begin = self.out.len();
+        fill(&mut Fields { out: self.out, single: self.single });
+        let length = self.out.len() - begin;
         assert!(length < 128, "field {number} takes {length} bytes");
-        self.0[begin - 1] = length as u8;
+        self.out[begin - 1] = length as u8;
     }
 
     fn varint(&mut self, mut value: u64) {
         while value >= 0x80 {
-            self.0.push(value as u8 | 0x80);
+            self.out.push(value as u8 | 0x80);
             value >>= 7;
         }
-        self.0.push(value as u8);
+        self.out.push(value as u8);
     }
 }
 

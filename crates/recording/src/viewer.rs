@@ -138,7 +138,7 @@ impl From<&PositionSample> for Placed {
 impl Placed {
     /// Appends `foxglove.PoseInFrame`; `stamp` is the log time.
     pub fn encode_pose(&self, stamp: Time, out: &mut Vec<u8>) {
-        let mut fields = Fields(out);
+        let mut fields = Fields { out, single: false };
         fields.timestamp(1, stamp);
         fields.text(2, WORLD);
         fields.message(3, |pose| self.encode_parts(1, pose));
@@ -146,7 +146,7 @@ impl Placed {
 
     /// Appends `foxglove.FrameTransform` of the airframe.
     pub fn encode_transform(&self, stamp: Time, out: &mut Vec<u8>) {
-        let mut fields = Fields(out);
+        let mut fields = Fields { out, single: false };
         fields.timestamp(1, stamp);
         fields.text(2, WORLD);
         fields.text(3, AIRFRAME);

@@ -60,6 +60,7 @@ pub(crate) struct MessageWriter<W: Write> {
     begun: bool,
     truth: Rate,
     tracked: Rate,
+    is_bare: bool,
 }
 
 /// Where a message belongs.
@@ -117,7 +118,13 @@ impl<W: Write> MessageWriter<W> {
             begun: false,
             truth: Rate::default(),
             tracked: Rate::default(),
+            is_bare: false,
         })
+    }
+
+    /// Without what viewers draw, and with numbers of single precision.
+    pub fn bare(self) -> Self {
+        Self { is_bare: true, rig: None, ..self }
     }
 
     /// Writes a record and what viewers draw of it, if that is due.
@@ -132,12 +139,13 @@ impl<W: Write> MessageWriter<W> {
             Record::Position(position) => position.exposed_at,
             _ => time,
         };
-        let (epoch_ns, times) = (self.epoch_ns, (time, published));
+        let (epoch_ns, single, times) = (self.epoch_ns, self.is_bare, (time, published));
         let id = channel_id(channel);
         let place =
             Place { id, schema_id: id, topic: channel.topic(), schema: channel.schema(), is_static: false };
-        self.put(&place, times, |out| codec::encode(record, epoch_ns, out))?;
+        self.put(&place, times, |out| codec::encode(record, epoch_ns, single, out))?;
         match record {
+            _ if self.is_bare => Ok(()),
             Record::Truth(truth) if self.truth.is_due(time) => {
                 self.write_placed(ViewerChannel::Pose, &Placed::from(truth), times)
             }

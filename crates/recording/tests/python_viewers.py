@@ -1,6 +1,6 @@
 """What viewers make of a recording: Foxglove's schemas decode it, and Rerun loads it. Prints what they see, as JSON.
 
-usage: python_viewers.py RECORDING FOLDER
+usage: python_viewers.py RECORDING FOLDER SCRIPT
 needs: pip install mcap mcap-protobuf-support foxglove-sdk rerun-sdk
 """
 
@@ -48,12 +48,26 @@ def by_foxglove(path):
     return {"first": first, "counts": counts, "unknown": unknown}
 
 
+RERUN = pathlib.Path(sys.executable).with_name("rerun")
+
+
 def by_rerun(path, folder):
-    """The components that Rerun has of each entity, and in how many rows, by its own dump."""
-    rerun = pathlib.Path(sys.executable).with_name("rerun")
+    """What Rerun's own reader makes of it."""
     converted = pathlib.Path(folder) / "recording.rrd"
-    subprocess.run([rerun, "mcap", "convert", path, "-o", converted], check=True, capture_output=True)
-    printed = subprocess.run([rerun, "rrd", "print", converted], check=True, capture_output=True, text=True).stdout
+    subprocess.run([RERUN, "mcap", "convert", path, "-o", converted], check=True, capture_output=True)
+    return rows_of(converted)
+
+
+def by_script(path, folder, script):
+    """The same by the script that brings its own layout."""
+    saved = pathlib.Path(folder) / "script.rrd"
+    subprocess.run([sys.executable, script, path, "--save", saved], check=True, capture_output=True)
+    return rows_of(saved)
+
+
+def rows_of(rrd):
+    """The components that Rerun has of each entity, and in how many rows, by its own dump."""
+    printed = subprocess.run([RERUN, "rrd", "print", rrd], check=True, capture_output=True, text=True).stdout
     rows = collections.defaultdict(collections.Counter)
     for count, entity, columns in re.findall(r"with (\d+) rows .*? - (/\S+) - .*?data columns: \[(.*?)\]", printed):
         for column in columns.split():
@@ -61,4 +75,6 @@ def by_rerun(path, folder):
     return rows
 
 
-json.dump({"foxglove": by_foxglove(sys.argv[1]), "rerun": by_rerun(sys.argv[1], sys.argv[2])}, sys.stdout)
+recording, folder, script = sys.argv[1:]
+seen = {"foxglove": by_foxglove(recording), "rerun": by_rerun(recording, folder), "script": by_script(recording, folder, script)}
+json.dump(seen, sys.stdout)

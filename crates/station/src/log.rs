@@ -26,7 +26,7 @@ const BUSY: Duration = Duration::from_secs(20);
 /// What stands as outcome of a run that has begun and not ended.
 const BEGUN: &str = "begun";
 
-/// A run before it is flown.
+/// What is flown: what is known of a run when it begins.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Entry {
     /// When it begins, seconds since 1970 (UTC).
@@ -49,10 +49,6 @@ pub struct Entry {
     pub repeat: u32,
     /// Version of the bench.
     pub bench_version: String,
-    /// What is known of the station and of the airframe.
-    pub meta: BTreeMap<String, String>,
-    /// What the recording's name ends in, without ending: letters, digits and `._-=`.
-    pub stem: String,
 }
 
 /// A run that was entered.
@@ -84,28 +80,12 @@ pub struct Finished {
 pub struct Run {
     /// Its number.
     pub id: i64,
-    /// When it began, seconds since 1970 (UTC).
-    pub started_unix_s: f64,
-    /// The same as ISO 8601 writes it, in UTC, to the second.
+    /// What was flown.
+    pub entry: Entry,
+    /// When it began, as ISO 8601 writes it, in UTC, to the second.
     pub started_utc: String,
     /// How long it took, s; `None` where it did not end.
     pub took_s: Option<f64>,
-    /// The suite's name.
-    pub suite: String,
-    /// The test's name.
-    pub test: String,
-    /// The rig's name.
-    pub rig: String,
-    /// The mission's name.
-    pub mission: String,
-    /// How it was flown.
-    pub mode: String,
-    /// Effects that were added.
-    pub effects: String,
-    /// Seed of its noise.
-    pub seed: u64,
-    /// Which repeat it was, from zero.
-    pub repeat: u32,
     /// `passed`, `failed`, `error`, or `begun` where it did not end.
     pub outcome: String,
     /// Why it did not pass.
@@ -114,8 +94,6 @@ pub struct Run {
     pub recording: String,
     /// SHA-256 of the recording.
     pub sha256: Option<String>,
-    /// Version of the bench.
-    pub bench_version: String,
 }
 
 /// Which runs are wanted; what is absent does not restrict.
@@ -210,16 +188,22 @@ impl Log {
         StationError::Database { path: self.path.clone(), source }
     }
 
-    /// Enters a run, and gives its recording a name that no other has.
-    pub fn begin(&mut self, entry: &Entry) -> Result<Begun, StationError> {
+    /// Enters a run with what is known of station and airframe, and gives its recording a name that no other has. It ends in `stem`:
+    /// letters, digits and `._-=`.
+    pub fn begin(
+        &mut self,
+        entry: &Entry,
+        meta: &BTreeMap<String, String>,
+        stem: &str,
+    ) -> Result<Begun, StationError> {
         let path = self.path.clone();
         let failed = |source| StationError::Database { path: path.clone(), source };
         let transaction =
             self.connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(failed)?;
         transaction
             .prepare_cached(
-                "INSERT INTO runs (started_unix_s, suite, test, rig, mission, mode, effects, seed, repeat, outcome, recording, \
-                 bench_version) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, '', ?11)",
+                "INSERT INTO runs (started_unix_s, suite, test, rig, mission, mode, effects, seed, repeat, bench_version, outcome, \
+                 recording) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, '')",
             )
             .and_then(|mut insert| {
                 insert.execute(params![
@@ -232,8 +216,8 @@ impl Log {
                     entry.effects,
                     entry.seed.cast_signed(),
                     entry.repeat,
-                    BEGUN,
                     entry.bench_version,
+                    BEGUN,
                 ])
             })
             .map_err(failed)?;
@@ -241,11 +225,11 @@ impl Log {
         let month: String = transaction
             .query_row("SELECT strftime('%Y-%m', ?1, 'unixepoch')", [entry.started_unix_s], |row| row.get(0))
             .map_err(failed)?;
-        let recording = format!("{RECORDINGS}/{month}/{id:06}_{}.mcap", entry.stem);
+        let recording = format!("{RECORDINGS}/{month}/{id:06}_{stem}.mcap");
         transaction
             .execute("UPDATE runs SET recording = ?2 WHERE id = ?1", params![id, recording])
             .map_err(failed)?;
-        for (key, value) in &entry.meta {
+        for (key, value) in meta {
             transaction
                 .execute("INSERT INTO meta (run, key, value) VALUES (?1, ?2, ?3)", params![id, key, value])
                 .map_err(failed)?;
@@ -285,9 +269,9 @@ impl Log {
         let (condition, mut values) = filter.sql();
         values.push(Value::Integer(limit.map_or(-1, |limit| i64::try_from(limit).unwrap_or(i64::MAX))));
         let sql = format!(
-            "SELECT id, started_unix_s, strftime('%Y-%m-%dT%H:%M:%SZ', started_unix_s, 'unixepoch'), took_s, suite, test, rig, \
-             mission, mode, effects, seed, repeat, outcome, reason, recording, sha256, bench_version FROM runs WHERE {condition} \
-             ORDER BY started_unix_s DESC, id DESC LIMIT ?"
+            "SELECT id, started_unix_s, suite, test, rig, mission, mode, effects, seed, repeat, bench_version, \
+             strftime('%Y-%m-%dT%H:%M:%SZ', started_unix_s, 'unixepoch'), took_s, outcome, reason, recording, sha256 \
+             FROM runs WHERE {condition} ORDER BY started_unix_s DESC, id DESC LIMIT ?"
         );
         let mut select = self.connection.prepare(&sql).map_err(|error| self.failed(error))?;
         let rows = select.query_map(params_from_iter(values), run).map_err(|error| self.failed(error))?;
@@ -416,22 +400,24 @@ impl Filter {
 fn run(row: &Row<'_>) -> rusqlite::Result<Run> {
     Ok(Run {
         id: row.get(0)?,
-        started_unix_s: row.get(1)?,
-        started_utc: row.get(2)?,
-        took_s: row.get(3)?,
-        suite: row.get(4)?,
-        test: row.get(5)?,
-        rig: row.get(6)?,
-        mission: row.get(7)?,
-        mode: row.get(8)?,
-        effects: row.get(9)?,
-        seed: row.get::<_, i64>(10)?.cast_unsigned(),
-        repeat: row.get(11)?,
-        outcome: row.get(12)?,
-        reason: row.get(13)?,
-        recording: row.get(14)?,
-        sha256: row.get(15)?,
-        bench_version: row.get(16)?,
+        entry: Entry {
+            started_unix_s: row.get(1)?,
+            suite: row.get(2)?,
+            test: row.get(3)?,
+            rig: row.get(4)?,
+            mission: row.get(5)?,
+            mode: row.get(6)?,
+            effects: row.get(7)?,
+            seed: row.get::<_, i64>(8)?.cast_unsigned(),
+            repeat: row.get(9)?,
+            bench_version: row.get(10)?,
+        },
+        started_utc: row.get(11)?,
+        took_s: row.get(12)?,
+        outcome: row.get(13)?,
+        reason: row.get(14)?,
+        recording: row.get(15)?,
+        sha256: row.get(16)?,
     })
 }
 
@@ -444,13 +430,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut log = Log::open(folder.path()).unwrap();
         let entry = Entry { suite: "x".repeat(2000), ..Entry::default() };
-        log.begin(&entry).unwrap();
+        let begin = |log: &mut Log| log.begin(&entry, &BTreeMap::new(), "x");
+        begin(&mut log).unwrap();
         // SQLite answers a full file system and a full quota of pages alike.
         let pages: i64 = log.connection.pragma_query_value(None, "page_count", |row| row.get(0)).unwrap();
         log.connection.pragma_update(None, "max_page_count", pages).unwrap();
         let mut entered = 1;
         let error = loop {
-            match log.begin(&entry) {
+            match begin(&mut log) {
                 Ok(_) => entered += 1,
                 Err(error) => break error,
             }
@@ -460,7 +447,7 @@ mod tests {
         assert_eq!(log.count(&Filter::default()).unwrap(), entered);
         // With room again it goes on.
         log.connection.pragma_update(None, "max_page_count", 1_000_000).unwrap();
-        let begun = log.begin(&entry).unwrap();
+        let begun = begin(&mut log).unwrap();
         log.finish(begun.id, &Finished::default()).unwrap();
         assert_eq!(log.count(&Filter::default()).unwrap(), entered + 1);
     }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use bench_station::{Entry, Filter, Finished, Log, StationError};
+use bench_station::{Begun, Entry, Filter, Finished, Log, StationError};
 
 fn entry(test: &str, started_unix_s: f64) -> Entry {
     Entry {
@@ -13,10 +13,13 @@ fn entry(test: &str, started_unix_s: f64) -> Entry {
         mission: "climb-040".to_owned(),
         mode: "loopback".to_owned(),
         seed: u64::MAX,
-        meta: BTreeMap::from([("operator".to_owned(), test.to_owned())]),
-        stem: "same".to_owned(),
         ..Entry::default()
     }
+}
+
+fn begin(log: &mut Log, test: &str, started_unix_s: f64) -> Begun {
+    let meta = BTreeMap::from([("operator".to_owned(), test.to_owned())]);
+    log.begin(&entry(test, started_unix_s), &meta, "same").unwrap()
 }
 
 fn passed(value: f64) -> Finished {
@@ -36,8 +39,8 @@ const NOW: f64 = 1_795_618_800.0;
 fn a_run_is_entered_finished_found_and_its_recording_has_a_name_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let mut log = Log::open(folder.path()).unwrap();
-    let first = log.begin(&entry("a", NOW)).unwrap();
-    let second = log.begin(&entry("b", NOW + 60.0)).unwrap();
+    let first = begin(&mut log, "a", NOW);
+    let second = begin(&mut log, "b", NOW + 60.0);
     assert_ne!(first.recording, second.recording);
     assert!(first.recording.ends_with(Path::new("recordings/2026-11/000001_same.mcap")), "{first:?}");
     assert!(first.recording.parent().unwrap().is_dir());
@@ -46,10 +49,17 @@ fn a_run_is_entered_finished_found_and_its_recording_has_a_name_of_its_own() {
 
     let log = Log::read(folder.path()).unwrap();
     let runs = log.runs(&Filter::default(), None).unwrap();
-    assert_eq!(runs.iter().map(|run| run.test.as_str()).collect::<Vec<_>>(), ["b", "a"], "the latest first");
+    assert_eq!(
+        runs.iter().map(|run| run.entry.test.as_str()).collect::<Vec<_>>(),
+        ["b", "a"],
+        "the latest first"
+    );
     // The first was killed.
     assert_eq!((runs[1].outcome.as_str(), runs[1].took_s), ("begun", None));
-    assert_eq!((runs[0].outcome.as_str(), runs[0].took_s, runs[0].seed), ("passed", Some(1.5), u64::MAX));
+    assert_eq!(
+        (runs[0].outcome.as_str(), runs[0].took_s, runs[0].entry.seed),
+        ("passed", Some(1.5), u64::MAX)
+    );
     assert_eq!(runs[0].started_utc, "2026-11-25T15:01:00Z");
     assert_eq!(log.figures(second.id).unwrap()["peak"], 0.4);
     assert_eq!(log.meta(first.id).unwrap()["operator"], "a");
@@ -77,7 +87,7 @@ fn several_writers_at_a_time_lose_nothing() {
             scope.spawn(move || {
                 let mut log = Log::open(folder).unwrap();
                 for run in 0..25 {
-                    let begun = log.begin(&entry(&format!("{writer}-{run}"), NOW)).unwrap();
+                    let begun = begin(&mut log, &format!("{writer}-{run}"), NOW);
                     log.finish(begun.id, &passed(1.0)).unwrap();
                 }
             });
@@ -97,7 +107,7 @@ fn a_trend_is_told_week_by_week() {
     let mut log = Log::open(folder.path()).unwrap();
     for week in 0..5_u32 {
         for run in 0..3 {
-            let begun = log.begin(&entry("a", NOW + f64::from(week) * 604_800.0 + f64::from(run))).unwrap();
+            let begun = begin(&mut log, "a", NOW + f64::from(week) * 604_800.0 + f64::from(run));
             log.finish(begun.id, &passed(f64::from(week) + f64::from(run) * 0.01)).unwrap();
         }
     }

@@ -344,6 +344,10 @@ pub struct Diagnosed {
     pub tests: Vec<String>,
     /// Effects, `none`, `unknown` or `inconclusive`; null where the flights could not be diagnosed.
     pub verdict: Option<String>,
+    /// What these flights cannot tell from what leads; most probable first.
+    pub alternatives: Vec<String>,
+    /// How probable what leads is together with these, from 0 to 1; null without a verdict.
+    pub probability: Option<f64>,
     /// What is most probable, told or not: name and probability from 0 to 1, three at most.
     pub leading: Vec<(String, f64)>,
     /// The verdict in a sentence, or why there is none.

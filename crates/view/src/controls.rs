@@ -27,7 +27,7 @@ pub struct Controls {
 }
 
 impl Controls {
-    /// What is asked for next; STOP comes before all else, and stays.
+    /// What is asked for next; STOP comes before all else, and stays until nothing flies.
     pub fn next_ask(&mut self) -> Option<Ask> {
         if self.stopped() { Some(Ask::Stop) } else { self.asks.pop().ok() }
     }
@@ -47,6 +47,11 @@ pub(crate) struct Commands {
 impl Commands {
     pub(crate) fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Takes STOP back, once nothing flies.
+    pub(crate) fn forget_stop(&self) {
+        self.stop.store(false, Ordering::Relaxed);
     }
 
     /// False when the loop has not taken those before.

@@ -126,6 +126,10 @@ impl Desk {
     }
 
     pub(crate) fn set_stage(&mut self, stage: Stage) {
+        if matches!(stage, Stage::Waiting { .. }) {
+            // Pressed after a START that led to nothing, it is not meant for the next one.
+            self.commands.forget_stop();
+        }
         self.stage = stage;
     }
 
@@ -340,6 +344,23 @@ mod tests {
         let third = desk.come();
         assert_eq!(desk.as_json()["operator"], third);
         assert!(desk.command(third, &start(None, None)).is_ok());
+    }
+
+    #[test]
+    fn a_stop_after_a_start_that_led_to_nothing_does_not_end_the_next_one() {
+        let (mut desk, mut controls, mut pressed) = desk_for("climb-040.toml");
+        let client = desk.come();
+        let waiting = || Stage::Waiting { checked: Vec::new(), warning: None };
+        desk.set_stage(waiting());
+        for _ in 0..2 {
+            desk.command(client, &start(None, None)).unwrap();
+            assert!(matches!(pressed.try_recv(), Ok(Pressed::Start(_))));
+            assert_eq!(controls.next_ask(), None);
+            // The loop has given up, and the page is not yet told to wait.
+            desk.command(client, &Command::Stop).unwrap();
+            assert_eq!(controls.next_ask(), Some(Ask::Stop));
+            desk.set_stage(waiting());
+        }
     }
 
     #[test]

@@ -18,10 +18,11 @@ fn variable(name: &str) -> String {
 fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
     let rig = root().join("rigs/transmitter.toml").canonicalize().unwrap();
     let settings = format!(
-        "rig = \"{}\"\nseed = 5\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\n",
+        "rig = \"{}\"\nseed = 5\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\nhidden_while = \"{}\"\n",
         rig.display(),
         variable("BENCH_FIRMWARE_HOST"),
         scratch.name("truth.csv"),
+        scratch.name("hidden"),
     );
     fs::write(scratch.path("lab.toml"), settings).unwrap();
     let lab = Lab::from_env(variable("BENCH_LAB")).expect("BENCH_USB_KERNEL names the kernel (tests/run)");
@@ -239,4 +240,37 @@ fn usb_lab_is_flown_with_a_live_page_in_the_time_of_the_flight() {
     let behind_s = flight.ticks[50].started.since_s(newest.arrived_at);
     assert!(behind_s < 0.3, "{behind_s} s");
     assert!(newest.arrived_at.since_s(newest.exposed_at) > 0.0);
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_is_flown_by_a_second_start_once_the_marker_is_in_sight() {
+    let scratch = Scratch::new();
+    fs::write(scratch.path("hidden"), "").unwrap();
+    run(
+        &scratch,
+        "",
+        "ip link set lo up || ifconfig lo 127.0.0.1 up
+        $hil --live --listen 127.0.0.1:0 --mission hop -o $work/hop.mcap > $work/hop.json 2> $work/hop.words &
+        id=$!
+        python3 tests/user/hil/start_again.py $work/hop.words $work/hidden > $work/told || { cat $work/hop.words; exit 2; }
+        wait $id
+        [ $? -le 1 ] || { cat $work/hop.words $work/hop.json; exit 3; }",
+    );
+    let told = fs::read_to_string(scratch.path("told")).unwrap();
+    let [warning, headline] = told.lines().collect::<Vec<_>>().try_into().expect("a warning, then a flight");
+    assert!(warning.starts_with("Not armed: the tracker has not seen the marker"), "{warning}");
+    assert!(headline.starts_with("Flown, "), "{headline}");
+    let report = report(&scratch, "hop.json");
+    assert_eq!(
+        (&report["ending"], &report["outputs_at_zero"]["confirmed"]),
+        (&"complete".into(), &true.into()),
+        "{report}"
+    );
+    // The recording is that of the flight alone, from its beginning.
+    let flight = bench_recording::Flight::load(scratch.path("hop.mcap")).unwrap();
+    assert!(flight.ticks[0].started.seconds() < 3.5, "{:?}", flight.ticks[0]);
+    assert_eq!(flight.ticks.len() as u64, report["summary"]["ticks"].as_u64().unwrap());
+    let peak = truth(&scratch).iter().fold(0.0_f64, |peak, [z, _]| peak.max(*z));
+    assert!(peak > 0.1, "{peak}");
 }

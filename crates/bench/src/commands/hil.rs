@@ -21,8 +21,6 @@ use bench_dac::ports;
 use bench_plant::effects::{self, Effects, LIBRARY, parse_effect};
 use bench_recording::{ExportOptions, Mode, Options, Recorder, Session, export};
 use bench_rig::{Bench, Mission, Rig};
-use bench_station::Entry;
-use bench_suite::file_stem;
 use bench_view::{About, Outcome, Stage, Start};
 use clap::Args;
 use rustix::process::set_parent_process_death_signal;
@@ -40,7 +38,7 @@ use crate::{
     live::{self, LiveArguments, Page},
     progress, recorded, seen,
     signals::{PARENT_ENDED, Signals},
-    station::Station,
+    station::{Single, StationArgument},
     words,
 };
 use loop_thread::{Landed, LoopThread, Order, Ready, Seeing, Sees};
@@ -82,10 +80,8 @@ pub struct Arguments {
     /// Recording to write [default: in recordings/, named after rig, mission, effects, seed and time]
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// Folder of the station that flies: its log, which names and keeps the recording [default: what `BENCH_STATION` names, if there
-    /// is no --output]
-    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["output", "force"])]
-    station: Option<PathBuf>,
+    #[command(flatten)]
+    station: StationArgument,
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
@@ -109,53 +105,70 @@ const FAILED: &str = "the loop's thread failed; the board zeroes its outputs by 
 /// How often the screen is brought up to date.
 const REDRAWN: Duration = Duration::from_millis(100);
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let ours = || std::env::var_os("BENCH_STATION").filter(|folder| !folder.is_empty()).map(PathBuf::from);
-    let station = arguments.station.clone().or_else(|| arguments.output.is_none().then(ours).flatten());
-    // What is wrong with the command is told before anything is entered.
-    let Some(station) = station.filter(|_| arguments.port.is_some()) else {
-        return fly(arguments, None).map(|(exit, _)| exit);
-    };
-    let nominal = files::rig(&arguments.rig)?;
-    let rig = with_effects(arguments, nominal.clone())?;
-    let mission = files::mission(&arguments.mission, &arguments.rig)?;
-    let entry = Entry {
-        started_unix_s: recorded::since_1970().as_secs_f64(),
-        suite: "hil".to_owned(),
-        test: mission.name.clone(),
-        rig: rig.name.clone(),
-        mission: mission.name.clone(),
-        mode: if rig.bench == Bench::Transmitter { "transmitter" } else { "loopback" }.to_owned(),
-        effects: recorded::added_effects(&nominal, &rig).join("; "),
-        seed: arguments.seed,
-        repeat: 0,
-        bench_version: env!("CARGO_PKG_VERSION").to_owned(),
-        meta: arguments.meta.meta.iter().cloned().collect(),
-        stem: file_stem(&format!("hil_{}_{}_seed{}", rig.name, mission.name, arguments.seed)),
-    };
-    Station::open(&station)?.fly(&entry, &mission.criteria, |recording| fly(arguments, Some(recording)))
+/// What is to be flown, with which board.
+struct Planned {
+    port: String,
+    nominal: Rig,
+    /// With the effects that were added.
+    rig: Rig,
+    added: Vec<String>,
+    mission: Mission,
+    seeing: Option<Seeing>,
 }
 
-/// Flies and records, to `recording` where that is given; how it ended, also in a sentence.
-#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
-fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit, String)> {
-    let Some(port) = arguments.port.clone() else {
-        bail!("which port is the board on? name it with --port; {}", there_is());
-    };
-    let nominal = files::rig(&arguments.rig)?;
-    let rig = with_effects(arguments, nominal.clone())?;
-    let added = recorded::added_effects(&nominal, &rig);
-    let mission = files::mission(&arguments.mission, &arguments.rig)?;
-    let seeing = seeing(arguments, &rig, &mission)?;
-    let output = recording.map(Path::to_owned).or(arguments.output.clone()).unwrap_or_else(|| {
-        let which = format!("seed{}_{}", arguments.seed, recorded::since_1970().as_secs());
-        files::default_recording(&format!("hil_{}", rig.name), &mission.name, &added, &which)
-    });
-    Outputs::new(arguments.force.force)
-        .and(output.as_path(), Form::Recording)
-        .and(arguments.export.as_deref(), Form::Table)
-        .check()?;
+impl Planned {
+    fn read(arguments: &Arguments) -> anyhow::Result<Self> {
+        let Some(port) = arguments.port.clone() else {
+            bail!("which port is the board on? name it with --port; {}", there_is());
+        };
+        let nominal = files::rig(&arguments.rig)?;
+        let rig = with_effects(arguments, nominal.clone())?;
+        let added = recorded::added_effects(&nominal, &rig);
+        let mission = files::mission(&arguments.mission, &arguments.rig)?;
+        let seeing = seeing(arguments, &rig, &mission)?;
+        Ok(Self { port, nominal, rig, added, mission, seeing })
+    }
 
+    /// Named after all that tells this flight from others.
+    fn default_recording(&self, seed: u64) -> PathBuf {
+        let which = format!("seed{seed}_{}", recorded::since_1970().as_secs());
+        files::default_recording(&format!("hil_{}", self.rig.name), &self.mission.name, &self.added, &which)
+    }
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let planned = Planned::read(arguments)?;
+    let station = arguments.station.open(arguments.output.as_deref())?;
+    let check = |output: Option<&Path>| {
+        Outputs::new(arguments.force.force)
+            .and(output, Form::Recording)
+            .and(arguments.export.as_deref(), Form::Table)
+            .check()
+    };
+    let Some(station) = station else {
+        let output = arguments.output.clone();
+        let output = output.unwrap_or_else(|| planned.default_recording(arguments.seed));
+        check(Some(&output))?;
+        return fly(arguments, &planned, &output).map(|(exit, _)| exit);
+    };
+    // What is wrong with the command is told before anything is entered.
+    check(None)?;
+    let flight = Single {
+        command: "hil",
+        mode: if planned.seeing.is_some() { "transmitter" } else { "loopback" },
+        nominal: &planned.nominal,
+        added: &planned.added,
+        mission: &planned.mission,
+        seed: arguments.seed,
+        meta: &arguments.meta,
+    };
+    station.fly(&flight, |recording| fly(arguments, &planned, recording))
+}
+
+/// Flies and records to `output`; how it ended, also in a sentence.
+#[expect(clippy::too_many_lines, reason = "one step of a flight after the other")]
+fn fly(arguments: &Arguments, planned: &Planned, output: &Path) -> anyhow::Result<(Exit, String)> {
+    let Planned { port, nominal, rig, added, mission, seeing } = planned;
     let stop = Arc::new(AtomicBool::new(false));
     let (progress, mut screen) = Screen::new();
     let (ready_sender, ready) = mpsc::channel();
@@ -173,8 +186,8 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
     }
     // The servers' threads are started here, so that they do not inherit the loop's priority.
     let foxglove = arguments.foxglove.open()?;
-    let (mut page, ends) = arguments.live.open(|| about(&rig, &mission))?.unzip();
-    let frames = match (&page, &seeing) {
+    let (mut page, ends) = arguments.live.open(|| about(rig, mission))?.unzip();
+    let frames = match (&page, seeing) {
         (Some(page), Some(seeing)) => Some(page.frames(&seeing.calibration)?),
         _ => None,
     };
@@ -182,7 +195,7 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
         port: port.clone(),
         rig: rig.clone(),
         seed: arguments.seed,
-        seeing,
+        seeing: seeing.clone(),
         frames,
         ends,
         stop: Arc::clone(&stop),
@@ -206,17 +219,17 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
             bail!("the loop's thread ended before it was ready");
         }
     };
-    let checked = ready.in_words(&port);
+    let checked = ready.in_words(port);
     for line in &checked {
         crate::words::say!("{line}");
     }
     if let Some(sees) = &ready.sees {
-        warn_of_other_constants(&rig, sees);
+        warn_of_other_constants(rig, sees);
     }
     let mut warning = None;
     let (mission, landed) = loop {
         let start =
-            started(page.as_mut(), &runtime, &mut signals, &mission, (checked.clone(), warning.take()));
+            started(page.as_mut(), &runtime, &mut signals, mission, (checked.clone(), warning.take()));
         let Start { mission, changes } = match start {
             Ok(start) => start,
             Err(why) => {
@@ -228,10 +241,10 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
                 return Ok((Exit::Stopped, why));
             }
         };
-        let mut session = session(&nominal, &added, &mission, arguments.seed, &port, &ready);
+        let mut session = session(nominal, added, &mission, arguments.seed, port, &ready);
         recorded::note_changes(&mut session, &changes);
         Meta::note(arguments.meta.meta.clone(), &mut session);
-        let recorder = match recorder(&output, &session, foxglove.as_ref()) {
+        let recorder = match recorder(output, &session, foxglove.as_ref()) {
             Ok(recorder) => recorder,
             Err(error) => {
                 drop(order);
@@ -248,7 +261,7 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
         let waits = page.as_ref().is_some_and(Page::waits);
         let missed = landed.as_ref().filter(|_| waits).and_then(Landed::missed_marker);
         let Some(missed) = missed.map(ToString::to_string) else { break (mission, landed) };
-        discard(landed, &output);
+        discard(landed, output);
         words::warn(format_args!("not armed: {missed}"));
         warning = Some(format!("Not armed: {missed}, and press START again."));
     };
@@ -259,7 +272,7 @@ fn fly(arguments: &Arguments, recording: Option<&Path>) -> anyhow::Result<(Exit,
         not_flown(page, FAILED);
         return Ok((Exit::Stopped, FAILED.to_owned()));
     };
-    let (exit, outcome) = finish(arguments, &rig, &mission, &port, &ready, landed, &output)?;
+    let (exit, outcome) = finish(arguments, rig, &mission, port, &ready, landed, output)?;
     let headline = outcome.headline.clone();
     if let Some(page) = page {
         runtime.block_on(page.stay(outcome, signals.next()));

@@ -25,7 +25,7 @@ use crate::{
   bench runs --station lab/ --trend round_trip_p99
   bench runs --station lab/ --all --export runs.csv
 
-`bench test --station` enters the runs. A run that is listed as `begun` did not end, or is flown
+`bench test`, `bench sim` and `bench hil` enter the runs with --station. A run that is listed as `begun` did not end, or is flown
 at the moment. Dates are UTC.")]
 pub struct Arguments {
     /// Folder of the station [default: what `BENCH_STATION` names]
@@ -146,7 +146,7 @@ fn in_words(station: &Path, runs: &[Run], all: u64) -> String {
         let _ = writeln!(
             out,
             "{:>6}  {}  {outcome}  {:<11} {} / {}, seed {}",
-            run.id, run.started_utc, run.mode, run.suite, run.test, run.seed
+            run.id, run.started_utc, run.entry.mode, run.entry.suite, run.entry.test, run.entry.seed
         );
         if let Some(reason) = &run.reason {
             let _ = writeln!(out, "        {reason}");
@@ -172,21 +172,21 @@ fn as_json(log: &Log, run: &Run) -> anyhow::Result<serde_json::Value> {
     Ok(json!({
         "id": run.id,
         "started_utc": run.started_utc,
-        "started_unix_s": run.started_unix_s,
+        "started_unix_s": run.entry.started_unix_s,
         "took_s": run.took_s,
-        "suite": run.suite,
-        "test": run.test,
-        "rig": run.rig,
-        "mission": run.mission,
-        "mode": run.mode,
-        "effects": run.effects,
-        "seed": run.seed,
-        "repeat": run.repeat,
+        "suite": run.entry.suite,
+        "test": run.entry.test,
+        "rig": run.entry.rig,
+        "mission": run.entry.mission,
+        "mode": run.entry.mode,
+        "effects": run.entry.effects,
+        "seed": run.entry.seed,
+        "repeat": run.entry.repeat,
         "outcome": run.outcome,
         "reason": run.reason,
         "recording": run.recording,
         "sha256": run.sha256,
-        "bench_version": run.bench_version,
+        "bench_version": run.entry.bench_version,
         "meta": log.meta(run.id)?,
         "figures": log.figures(run.id)?,
     }))
@@ -232,19 +232,19 @@ fn csv(log: &Log, runs: &[Run]) -> anyhow::Result<String> {
             run.id.to_string(),
             run.started_utc.clone(),
             run.took_s.map(|took| format!("{took:.3}")).unwrap_or_default(),
-            run.suite.clone(),
-            run.test.clone(),
-            run.rig.clone(),
-            run.mission.clone(),
-            run.mode.clone(),
-            run.effects.clone(),
-            run.seed.to_string(),
-            run.repeat.to_string(),
+            run.entry.suite.clone(),
+            run.entry.test.clone(),
+            run.entry.rig.clone(),
+            run.entry.mission.clone(),
+            run.entry.mode.clone(),
+            run.entry.effects.clone(),
+            run.entry.seed.to_string(),
+            run.entry.repeat.to_string(),
             run.outcome.clone(),
             run.reason.clone().unwrap_or_default(),
             run.recording.clone(),
             run.sha256.clone().unwrap_or_default(),
-            run.bench_version.clone(),
+            run.entry.bench_version.clone(),
         ];
         let meta = keys.iter().map(|key| meta.get(*key).cloned().unwrap_or_default());
         let figures = names.iter().map(|name| figures.get(*name).map(f64::to_string).unwrap_or_default());

@@ -17,6 +17,10 @@ use bench_rig::{Mission, Model, Rig};
 use bench_run::{Directive, Tee, WallClock, check, simulate, simulate_seen};
 use clap::{Args, ValueEnum};
 
+#[cfg(not(feature = "lab"))]
+use crate::left_out::StationArgument;
+#[cfg(feature = "lab")]
+use crate::station::{Single, Station, StationArgument};
 use crate::{
     arguments::{Force, Json, Meta, RigArgument},
     exit::Exit,
@@ -51,6 +55,7 @@ use watched::Watched;
   bench sim --frames --views views/
   bench sim --live --realtime --frames
   bench sim --frames --record-views 5 --epoch 1700000000 -o views.mcap
+  bench sim --station lab/ --meta operator=Ada
 
 With --live the flight is on a page in the browser, whose address is printed; docs/live.md tells
 what it shows and takes. The same rig, mission and seed give the same recording, byte for byte. Exit code 1 says that the
@@ -88,6 +93,8 @@ pub struct Arguments {
     /// Recording to write [default: in recordings/, named after rig, mission, effects and seed]
     #[arg(short, long)]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    station: StationArgument,
     /// Also write the flight as a table: .csv, .xlsx or .parquet
     #[arg(long, value_name = "FILE")]
     export: Option<PathBuf>,
@@ -137,36 +144,83 @@ fn rate(text: &str) -> Result<f64, String> {
     rate_hz.ok_or_else(|| "a rate from 0.01 to 30 a second, the frames' own".to_owned())
 }
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let (nominal, rig) = rigs(arguments)?;
-    let mission = files::mission(&arguments.mission, arguments.rig.path())?;
-    let added = recorded::added_effects(&nominal, &rig);
-    // Effects are checked before an output is touched.
-    bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
-    let calibration = arguments.frames.then(|| seen::calibration(&rig, arguments.rig.path())).transpose()?;
-    if arguments.frames {
-        seen::check_mission(&mission)?;
+/// What is to be flown.
+struct Planned {
+    nominal: Rig,
+    /// With the effects that were added.
+    rig: Rig,
+    added: Vec<String>,
+    mission: Mission,
+}
+
+impl Planned {
+    fn read(arguments: &Arguments) -> anyhow::Result<Self> {
+        let (nominal, rig) = rigs(arguments)?;
+        let mission = files::mission(&arguments.mission, arguments.rig.path())?;
+        // Effects are checked before an output is touched.
+        bench_plant::effects::Effects::from_rig(&rig, arguments.seed)?;
+        if arguments.frames {
+            seen::calibration(&rig, arguments.rig.path())?;
+            seen::check_mission(&mission)?;
+        }
+        Ok(Self { added: recorded::added_effects(&nominal, &rig), nominal, rig, mission })
     }
-    let output =
-        arguments.output.clone().unwrap_or_else(|| default_recording(arguments, &rig, &mission, &added));
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let planned = Planned::read(arguments)?;
+    #[cfg(not(feature = "lab"))]
+    arguments.station.refuse()?;
+    #[cfg(feature = "lab")]
+    if let Some(station) = arguments.station.open(arguments.output.as_deref())? {
+        return in_station(arguments, &planned, &station);
+    }
+    let output = arguments.output.clone().unwrap_or_else(|| default_recording(arguments, &planned));
+    check_outputs(arguments, Some(&output))?;
+    fly(arguments, &planned, &output).map(|(exit, _)| exit)
+}
+
+/// Flies under the name that the station's log gives the recording.
+#[cfg(feature = "lab")]
+fn in_station(arguments: &Arguments, planned: &Planned, station: &Station) -> anyhow::Result<Exit> {
+    // What is wrong with the command is told before anything is entered.
+    check_outputs(arguments, None)?;
+    let flight = Single {
+        command: "sim",
+        mode: if arguments.frames { "frames" } else { "sim" },
+        nominal: &planned.nominal,
+        added: &planned.added,
+        mission: &planned.mission,
+        seed: arguments.seed,
+        meta: &arguments.meta,
+    };
+    station.fly(&flight, |recording| fly(arguments, planned, recording))
+}
+
+fn check_outputs(arguments: &Arguments, output: Option<&Path>) -> anyhow::Result<()> {
     Outputs::new(arguments.force.force)
-        .and(output.as_path(), Form::Recording)
+        .and(output, Form::Recording)
         .and(arguments.export.as_deref(), Form::Table)
         .and(arguments.views.as_deref(), Form::Folder)
-        .check()?;
+        .check()
+}
+
+/// Flies and records to `output`; how it ended, also in a sentence.
+fn fly(arguments: &Arguments, planned: &Planned, output: &Path) -> anyhow::Result<(Exit, String)> {
+    let Planned { nominal, rig, added, mission } = planned;
+    let calibration = rig.calibration.as_ref().filter(|_| arguments.frames);
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
     let foxglove = arguments.foxglove.open()?;
-    let watched = Watched::open(arguments, &rig, &mission)?;
-    let (mut watched, mission, changes) = match watched {
-        None => (None, mission, Vec::new()),
-        Some(watched) => match watched.started(&mission) {
-            Some((watched, mission, changes)) => (Some(watched), mission, changes),
-            None => return Ok(Exit::Stopped),
+    let (mut watched, mission, changes) = match Watched::open(arguments, rig, mission)? {
+        None => (None, mission.clone(), Vec::new()),
+        Some(watched) => match watched.started(mission) {
+            Ok((watched, mission, changes)) => (Some(watched), mission, changes),
+            Err(why) => return Ok((Exit::Stopped, why)),
         },
     };
-    files::make_folder(&output)?;
+    files::make_folder(output)?;
 
-    let mut session = Session::simulated(&nominal, &added, &mission, arguments.seed);
+    let mut session = Session::simulated(nominal, added, &mission, arguments.seed);
     if arguments.frames {
         session.extra.insert("tracker".to_owned(), "rendered frames".to_owned());
     }
@@ -174,7 +228,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     Meta::note(arguments.meta.meta.clone(), &mut session);
     session.epoch_unix_ns = arguments.epoch.0;
     let observer = foxglove.as_ref().map(Server::observer);
-    let mut recorder = Recorder::create_observed(&output, &session, Options::SIMULATION, observer)?;
+    let mut recorder = Recorder::create_observed(output, &session, Options::SIMULATION, observer)?;
     let record_views = |rate_hz| {
         recorder.images().map(|images| RecordedViews::new(images, rate_hz, rig.tracker.latency_s.value))
     };
@@ -202,7 +256,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         watched.as_mut().map_or(Directive::GoOn, Watched::asks)
     };
     let flown = match calibration {
-        None => simulate(&rig, &mission, arguments.seed, &mut sink, each)?,
+        None => simulate(rig, &mission, arguments.seed, &mut sink, each)?,
         Some(calibration) => {
             let look = |frame: &_, tracker: &_, sighting: &_| {
                 watch.see(frame, tracker, sighting);
@@ -213,8 +267,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
                     views.see(frame, tracker, sighting);
                 }
             };
-            let see = |exposures| seen::tracker(exposures, calibration, &rig, arguments.seed, look);
-            simulate_seen(&rig, &mission, arguments.seed, see, &mut sink, each)?
+            let see = |exposures| seen::tracker(exposures, calibration, rig, arguments.seed, look);
+            simulate_seen(rig, &mission, arguments.seed, see, &mut sink, each)?
         }
     };
     let finished = sink.into_inner().finish();
@@ -223,7 +277,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 
     let checks = check(&mission.criteria, &flown.summary);
     let flight = Flight {
-        rig: &rig,
+        rig,
         mission: &mission,
         seed: arguments.seed,
         flown: &flown,
@@ -232,11 +286,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     };
     tell(arguments, &flight, &finished, took)?;
     let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
-    let exit = keep(arguments, &output, &finished, failed)?.unwrap_or_else(|| flight.exit());
+    let exit = keep(arguments, output, &finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
         watched.landed(&flight, &finished);
     }
-    Ok(exit)
+    Ok((exit, flight.headline()))
 }
 
 /// The rig as it is thought to be, and the one that flies.
@@ -300,10 +354,11 @@ fn keep(
 }
 
 /// Named after all that tells this simulation from others.
-fn default_recording(arguments: &Arguments, rig: &Rig, mission: &Mission, added: &[String]) -> PathBuf {
+fn default_recording(arguments: &Arguments, planned: &Planned) -> PathBuf {
     let model = arguments.model.and_then(|model| model.to_possible_value());
     let model = model.map(|model| format!("model={}", model.get_name()));
     let frames = arguments.frames.then(|| "frames".to_owned());
-    let added: Vec<String> = model.into_iter().chain(frames).chain(added.iter().cloned()).collect();
+    let added: Vec<String> = model.into_iter().chain(frames).chain(planned.added.iter().cloned()).collect();
+    let Planned { rig, mission, .. } = planned;
     files::default_recording(&rig.name, &mission.name, &added, &format!("seed{}", arguments.seed))
 }

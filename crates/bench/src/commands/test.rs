@@ -23,7 +23,9 @@ use crate::{
     progress::{self, Progress},
     signals,
     station::Station,
-    suites::{Baselines, Change, Flying, Folder, PAGE, Plan, Planned, Selected, compare_back_to_back},
+    suites::{
+        Baselines, Change, Flying, Folder, PAGE, Plan, Planned, Selected, Stored, compare_back_to_back,
+    },
     words,
 };
 
@@ -83,8 +85,8 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "force")]
     resume: bool,
     /// Record the flights as baselines; those that exist and differ are shown, and replaced with --force alone
-    #[arg(long)]
-    record_baselines: bool,
+    #[arg(long, value_name = "FORM", num_args = 0..=1, require_equals = true, default_missing_value = "thinned")]
+    record_baselines: Option<Stored>,
     /// Folder of the baselines [default: the suite's]
     #[arg(long, value_name = "FOLDER")]
     baselines: Option<PathBuf>,
@@ -131,11 +133,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         return list(&plan);
     }
     let mut baselines = Baselines::open(&plan, arguments.baselines.as_deref())?;
-    if !arguments.record_baselines {
+    if arguments.record_baselines.is_none() {
         problems.extend(baselines.check(&plan));
     }
     plan.refuse(&problems)?;
-    if arguments.record_baselines {
+    if arguments.record_baselines.is_some() {
         plan.keep_those_with_baselines();
     }
     let name = plan.path.file_stem().unwrap_or_default();
@@ -157,7 +159,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let (journal, kept) = folder.journal(&plan.digest(&meta), arguments.resume, &flying)?;
     let began = Instant::now();
     let started_unix_s = crate::recorded::since_1970().as_secs_f64();
-    let against = (!arguments.record_baselines).then_some(&baselines);
+    let against = arguments.record_baselines.is_none().then_some(&baselines);
     let flown = match fly_all(&plan, &flying, against, journal, kept) {
         Ok(flown) => flown,
         Err(error) => {
@@ -170,8 +172,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
     };
     let mut report = report(&plan, meta, flown);
-    if arguments.record_baselines {
-        return record(&plan, &flying, &mut baselines, &report, arguments.force.force);
+    if let Some(stored) = arguments.record_baselines {
+        return record(&plan, &flying, &mut baselines, &report, (stored, arguments.force.force));
     }
     for remark in compare_back_to_back(&plan, &flying, &mut report) {
         words::warn(remark);
@@ -397,7 +399,7 @@ fn record(
     flying: &Flying<'_>,
     baselines: &mut Baselines,
     report: &Report,
-    force: bool,
+    how: (Stored, bool),
 ) -> anyhow::Result<Exit> {
     let (mut out, mut left) = (String::new(), 0_u64);
     let mut exit = Exit::Done;
@@ -413,7 +415,7 @@ fn record(
             exit = Exit::CheckFailed;
             continue;
         };
-        match baselines.record(plan, flying, planned, run, force)? {
+        match baselines.record(plan, flying, planned, run, how)? {
             Change::New => _ = writeln!(out, "new           {id}"),
             Change::Same => _ = writeln!(out, "the same      {id}"),
             Change::Differs { comparison, replaced } => {

@@ -3,7 +3,7 @@ use std::future::Future;
 use anstream::adapter::strip_str;
 use bench_recording::WhenFull;
 use bench_rig::{Calibration, Mission};
-use bench_run::{Directive, Ending, StopReason, Watcher};
+use bench_run::{Directive, StopReason, Watcher};
 use bench_view::{About, Ask, Controls, Frames, Live, Outcome, Stage, Start};
 
 use super::LiveArguments;
@@ -116,14 +116,7 @@ pub fn directive(controls: Option<&mut Controls>) -> Directive {
 /// A flight as the page tells it, with what the terminal says: its colours are left out.
 pub fn outcome(flight: &Flight<'_>, words: &str) -> Outcome {
     let exit = flight.exit();
-    let headline = match (&flight.flown.ending, exit) {
-        (Ending::Stopped(reason), _) => format!("Stopped: {reason}"),
-        (Ending::Fault(error), _) => format!("Fault: {error}"),
-        (Ending::Panicked(_), _) => "The program failed; the throttle went to rest".to_owned(),
-        (Ending::Complete, Exit::Done) => "Flown, and all criteria met".to_owned(),
-        (Ending::Complete, _) => "Flown, but criteria were missed".to_owned(),
-    };
-    Outcome { passed: exit == Exit::Done, headline, words: strip_str(words).to_string() }
+    Outcome { passed: exit == Exit::Done, headline: flight.headline(), words: strip_str(words).to_string() }
 }
 
 /// Nothing was flown.

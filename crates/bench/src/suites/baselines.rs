@@ -7,9 +7,10 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use bench_recording::Recording;
+use bench_recording::{Recording, thin};
 use bench_rig::{Problem, Rig};
 use bench_suite::{Case, Comparison, Run};
+use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 use super::{Flying, Plan, Planned, comparison, sha256};
@@ -45,6 +46,30 @@ struct Index {
 pub struct Baselines {
     folder: PathBuf,
     index: BTreeMap<String, Baseline>,
+}
+
+/// What is stored of a flight.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Stored {
+    /// Two records of each channel per iteration of the loop, in single precision, and nothing for viewers
+    Thinned,
+    /// The recording as it is
+    Whole,
+}
+
+impl Stored {
+    fn of(self, recording: &Path, rig: &Rig) -> anyhow::Result<Vec<u8>> {
+        let read = |path: &Path| fs::read(path).with_context(|| format!("cannot read {}", path.display()));
+        match self {
+            Self::Whole => read(recording),
+            Self::Thinned => {
+                let folder = tempfile::tempdir().context("cannot make a folder for the thinned form")?;
+                let thinned = folder.path().join("thinned.mcap");
+                thin(recording, &thinned, 0.5 * rig.control_loop.period_s)?;
+                read(&thinned)
+            }
+        }
+    }
 }
 
 /// What recording a baseline comes to.
@@ -152,14 +177,16 @@ impl Baselines {
         flying: &Flying<'_>,
         planned: &Planned,
         run: &Run,
-        force: bool,
+        (stored, force): (Stored, bool),
     ) -> anyhow::Result<Change> {
         let Some(attached) = &run.recording else { bail!("{} has no recording", planned.test.id) };
         let recording = flying.recording(attached);
+        let bytes = stored.of(&recording, &planned.nominal)?;
+        let digest = sha256(&bytes);
         let before = self.index.get(&planned.test.id);
         let change = match before {
             None => Change::New,
-            Some(before) if before.sha256 == attached.sha256 => Change::Same,
+            Some(before) if before.sha256 == digest => Change::Same,
             Some(before) => {
                 let old = self.folder.join(&before.file);
                 let derived = repeats::of(planned.nominal.clone(), &planned.mission);
@@ -185,10 +212,10 @@ impl Baselines {
             let file = format!("{}.mcap", planned.test.file_stem);
             let path = self.folder.join(&file);
             files::make_folder(&path)?;
-            fs::copy(&recording, &path).with_context(|| format!("cannot write {}", path.display()))?;
+            fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
             let baseline = Baseline {
                 file,
-                sha256: attached.sha256.clone(),
+                sha256: digest,
                 bench_version: env!("CARGO_PKG_VERSION").to_owned(),
                 rig: planned.nominal.name.clone(),
                 mission: planned.mission.name.clone(),

@@ -175,20 +175,34 @@ fn of_flights(tests: Vec<String>, recordings: &[PathBuf], rig: &Rig, is_known: b
                 Conclusion::Unknown => "unknown".to_owned(),
                 Conclusion::Inconclusive => "inconclusive".to_owned(),
             };
-            let candidates = report.diagnosis.candidates.iter().take(LEADING);
-            let leading: Vec<_> = candidates.map(|found| (found.name.clone(), found.probability)).collect();
-            let others: Vec<String> = leading
+            let candidates = &report.diagnosis.candidates;
+            let leading =
+                candidates.iter().take(LEADING).map(|found| (found.name.clone(), found.probability));
+            let alternatives: Vec<String> =
+                report.diagnosis.alternatives.iter().map(|alternative| alternative.name.clone()).collect();
+            // What is part of the answer is no other one.
+            let others = candidates
                 .iter()
-                .skip(1)
-                .map(|(name, probability)| format!("{name} {}", told::percent(*probability)))
-                .collect();
+                .filter(|found| found.name != report.leading && !alternatives.contains(&found.name))
+                .take(LEADING - 1)
+                .map(|found| format!("{} {}", found.name, told::percent(found.probability)));
+            let others: Vec<String> = others.collect();
             let others =
                 if others.is_empty() { String::new() } else { format!("; then {}", others.join(", ")) };
-            Diagnosed { tests, verdict: Some(verdict), leading, words: report.headline() + &others }
+            Diagnosed {
+                tests,
+                verdict: Some(verdict),
+                alternatives,
+                probability: Some(report.confidence),
+                leading: leading.collect(),
+                words: report.headline() + &others,
+            }
         }
         Err(error) => Diagnosed {
             tests,
             verdict: None,
+            alternatives: Vec::new(),
+            probability: None,
             leading: Vec::new(),
             words: format!("These flights cannot be diagnosed: {}", words::causes(&error)),
         },

@@ -103,10 +103,8 @@ impl Flying<'_> {
             seed,
             repeat,
             bench_version: env!("CARGO_PKG_VERSION").to_owned(),
-            meta: self.meta.clone(),
-            stem: stem.to_owned(),
         };
-        let begun = station.begin(&entry)?;
+        let begun = station.begin(&entry, &self.meta, stem)?;
         Ok(Some((begun.id, begun.recording)))
     }
 

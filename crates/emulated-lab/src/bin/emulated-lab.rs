@@ -52,9 +52,10 @@ impl Lab {
         if settings.board.is_some() {
             let pins = Pins::listen(Path::new(PIPE))?;
             let (seed, truth, frames) = (settings.seed, settings.truth.clone(), shutter.clone());
+            let hidden_while = settings.hidden_while.clone();
             thread::spawn(move || {
-                let flown =
-                    Flight::new(rig, seed, truth.as_deref()).and_then(|flight| flight.run(&pins, &frames));
+                let flown = Flight::new(rig, seed, truth.as_deref(), hidden_while)
+                    .and_then(|flight| flight.run(&pins, &frames));
                 if let Err(error) = flown {
                     eprintln!("emulated-lab: the flight ended: {error}");
                 }

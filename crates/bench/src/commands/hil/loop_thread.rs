@@ -58,6 +58,7 @@ struct Flies {
 }
 
 /// Which Kinect sees the airframe, and how.
+#[derive(Clone)]
 pub struct Seeing {
     pub wanted: Wanted,
     pub settings: Settings,

@@ -20,7 +20,7 @@ impl Watched {
         arguments.live.refuse().map(|()| None)
     }
 
-    pub fn started(self, _: &Mission) -> Option<(Self, Mission, Vec<String>)> {
+    pub fn started(self, _: &Mission) -> Result<(Self, Mission, Vec<String>), String> {
         match self {}
     }
 

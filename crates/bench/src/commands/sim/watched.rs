@@ -48,19 +48,19 @@ impl Watched {
         Ok(Some(Self { page, watcher: Some(watcher), controls, stop, runtime, interrupts }))
     }
 
-    /// Waits for START; the mission as the operator wants it, and what was changed of it. `None` when nothing is to be flown.
-    pub fn started(mut self, mission: &Mission) -> Option<(Self, Mission, Vec<String>)> {
+    /// Waits for START; the mission as the operator wants it, and what was changed of it; or why nothing is flown.
+    pub fn started(mut self, mission: &Mission) -> Result<(Self, Mission, Vec<String>), String> {
         let Self { page, runtime, interrupts, .. } = &mut self;
         let checked = vec!["airframe, tracker and outputs are simulated".to_owned()];
         match runtime.block_on(page.start(mission, checked, None, interrupted(interrupts))) {
             Ok(start) => {
                 page.stage(Stage::Flying);
-                Some((self, start.mission, start.changes))
+                Ok((self, start.mission, start.changes))
             }
             Err(why) => {
                 crate::words::say!("not flown: {why}");
                 self.page.close(live::not_flown(&why));
-                None
+                Err(why)
             }
         }
     }
