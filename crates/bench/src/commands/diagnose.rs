@@ -112,77 +112,114 @@ fn probability(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let between = between(arguments)?;
-    Outputs::new(arguments.force.force)
-        .and(arguments.page.html.as_deref(), Form::Html)
-        .and(arguments.write_rig.as_deref(), Form::Toml)
-        .and(arguments.next_flight.as_deref(), Form::Toml)
-        .and(arguments.write_calibration.as_deref(), Form::Any)
-        .from(arguments.selection.flights.iter().map(PathBuf::as_path))
-        .check()?;
-    let prepared = if arguments.model.is_empty() {
-        Prepared::read(&arguments.selection, &arguments.rig)?
-    } else {
-        Prepared::against(&arguments.selection, model(&arguments.selection, &arguments.model)?)?
-    };
-    let Prepared { rig, from, tracks, flown, mut warnings } = prepared;
-    let chosen = match arguments.calibrate {
-        Some(sets) => calibration::learnt(&rig, &flown, sets)?,
-        None => calibration::choose(&arguments.calibration, &rig, &flown)?,
-    };
-    let Chosen { calibration, choice, warning, kept } = chosen;
-    warnings.extend(warning);
-    if let Some(file) = &arguments.write_calibration {
-        let kept = kept.with_context(|| {
-            format!(
-                "{} is not written: the calibration is the built-in one; --calibrate learns one",
-                file.display()
-            )
-        })?;
-        kept.write(file)?;
-    }
-    let problem = Problem::new(&tracks, &rig);
-    let progress = Progress::of("diagnose");
-    let flights = words::count(tracks.len() as u64, "flight");
-    progress.begin_untold(&format!("weighing what explains {flights}"));
-    let analysis = Analysis::of(&problem, &calibration);
-    let mut diagnosis = analysis.diagnosis();
-    refuse_absurd(&diagnosis, &from)?;
-    let mut refused = false;
-    if arguments.next_flight.is_some() {
-        progress.begin_untold("trying missions for the next flight");
-        match NextFlight::propose(&analysis.problem(), &diagnosis.candidates, between, &flown.distinct(), fly)
-        {
-            Ok(next) => diagnosis.next_flight = Some(next),
-            Err(reason) => {
-                refused = true;
-                warnings.push(reason.to_string());
-            }
-        }
-    }
-    drop(progress);
-    diagnosis.warnings = warnings;
-    let report = Report::new(diagnosis, arguments.min_confidence, choice);
+    let made = Made::by(arguments)?;
+    let report = &made.report;
     if arguments.json.json {
-        words::print_json(&report)?;
+        words::print_json(report)?;
     } else {
-        words::print(&in_words(&report, rig.airframe.actuation))?;
+        words::print(&in_words(report, made.rig.airframe.actuation))?;
     }
-    if let Some(file) = &arguments.page.html {
-        files::write_and_say(file, &page(&report, &rig))?;
-    }
-    if let Some(path) = &arguments.write_rig {
-        write_rig(path, &rig, &report)?;
-    }
+    made.write(arguments)?;
     let diagnosis = &report.diagnosis;
-    if let (Some(next), Some(file)) = (&diagnosis.next_flight, &arguments.next_flight) {
-        files::write(file, &next.to_toml())?;
-        if !arguments.json.json {
-            words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
-        }
+    if let (Some(next), Some(file), false) =
+        (&diagnosis.next_flight, &arguments.next_flight, arguments.json.json)
+    {
+        words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
     }
     let gap = report.verdict != Conclusion::None;
-    Ok(if refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+    Ok(if made.refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// The diagnosis without words; what is to be written is written.
+pub fn report(arguments: &Arguments) -> anyhow::Result<Report> {
+    let made = Made::by(arguments)?;
+    made.write(arguments)?;
+    Ok(made.report)
+}
+
+/// A diagnosis, and the rig that the flights were held against.
+struct Made {
+    report: Report,
+    rig: Rig,
+    /// Whether a next flight was asked for and there is none.
+    refused: bool,
+}
+
+impl Made {
+    fn by(arguments: &Arguments) -> anyhow::Result<Self> {
+        let between = between(arguments)?;
+        Outputs::new(arguments.force.force)
+            .and(arguments.page.html.as_deref(), Form::Html)
+            .and(arguments.write_rig.as_deref(), Form::Toml)
+            .and(arguments.next_flight.as_deref(), Form::Toml)
+            .and(arguments.write_calibration.as_deref(), Form::Any)
+            .from(arguments.selection.flights.iter().map(PathBuf::as_path))
+            .check()?;
+        let prepared = if arguments.model.is_empty() {
+            Prepared::read(&arguments.selection, &arguments.rig)?
+        } else {
+            Prepared::against(&arguments.selection, model(&arguments.selection, &arguments.model)?)?
+        };
+        let Prepared { rig, from, tracks, flown, mut warnings } = prepared;
+        let chosen = match arguments.calibrate {
+            Some(sets) => calibration::learnt(&rig, &flown, sets)?,
+            None => calibration::choose(&arguments.calibration, &rig, &flown)?,
+        };
+        let Chosen { calibration, choice, warning, kept } = chosen;
+        warnings.extend(warning);
+        if let Some(file) = &arguments.write_calibration {
+            let kept = kept.with_context(|| {
+                format!(
+                    "{} is not written: the calibration is the built-in one; --calibrate learns one",
+                    file.display()
+                )
+            })?;
+            kept.write(file)?;
+        }
+        let problem = Problem::new(&tracks, &rig);
+        let progress = Progress::of("diagnose");
+        let flights = words::count(tracks.len() as u64, "flight");
+        progress.begin_untold(&format!("weighing what explains {flights}"));
+        let analysis = Analysis::of(&problem, &calibration);
+        let mut diagnosis = analysis.diagnosis();
+        refuse_absurd(&diagnosis, &from)?;
+        let mut refused = false;
+        if arguments.next_flight.is_some() {
+            progress.begin_untold("trying missions for the next flight");
+            match NextFlight::propose(
+                &analysis.problem(),
+                &diagnosis.candidates,
+                between,
+                &flown.distinct(),
+                fly,
+            ) {
+                Ok(next) => diagnosis.next_flight = Some(next),
+                Err(reason) => {
+                    refused = true;
+                    warnings.push(reason.to_string());
+                }
+            }
+        }
+        drop(progress);
+        diagnosis.warnings = warnings;
+        let report = Report::new(diagnosis, arguments.min_confidence, choice);
+        Ok(Self { report, rig, refused })
+    }
+
+    /// Writes the page, the rig and the mission that were asked for.
+    fn write(&self, arguments: &Arguments) -> anyhow::Result<()> {
+        let Self { report, rig, .. } = self;
+        if let Some(file) = &arguments.page.html {
+            files::write_and_say(file, &page(report, rig))?;
+        }
+        if let Some(path) = &arguments.write_rig {
+            write_rig(path, rig, report)?;
+        }
+        if let (Some(next), Some(file)) = (&report.diagnosis.next_flight, &arguments.next_flight) {
+            files::write(file, &next.to_toml())?;
+        }
+        Ok(())
+    }
 }
 
 /// Flights as the diagnosis takes them, and the rig that they are held against.

@@ -187,6 +187,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 }
 
 fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
+    let found = identified(arguments)?;
+    if arguments.json.json {
+        words::print_json(&found)?;
+    } else {
+        words::print(&in_words(&found, arguments))?;
+    }
+    Ok(Exit::Done)
+}
+
+/// What the flights tell, without words; `None` where something else is to be identified.
+pub fn from_flights(arguments: &Arguments) -> Option<anyhow::Result<FlightIdentification>> {
+    match &arguments.what {
+        What::Flight(arguments) => Some(identified(arguments)),
+        What::Thrust(_) | What::GroundEffect(_) => None,
+    }
+}
+
+/// What the flights tell; the rig is written.
+fn identified(arguments: &FlightArguments) -> anyhow::Result<FlightIdentification> {
     let selection = &arguments.selection;
     Outputs::new(arguments.force.force)
         .and(arguments.output.as_path(), Form::Toml)
@@ -205,12 +224,7 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
     })?;
     found.warnings = [unused, nominal.remarks].concat();
     files::write_rig(&arguments.output, &head(&found, arguments, &nominal.from), &found.rig)?;
-    if arguments.json.json {
-        words::print_json(&found)?;
-    } else {
-        words::print(&in_words(&found, arguments))?;
-    }
-    Ok(Exit::Done)
+    Ok(found)
 }
 
 /// How the rig was made.

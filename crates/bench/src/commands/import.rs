@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use bench_recording::{
     FileKind,
-    import::{ImportMap, choose, guess, import},
+    import::{ImportMap, ImportReport, choose, guess, import},
 };
 use bench_rig::Actuation;
 use clap::Args;
@@ -57,6 +57,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if arguments.guess {
         return propose(arguments);
     }
+    let (map, report) = imported(arguments)?;
+    if arguments.json.json {
+        words::print_json(&report)?;
+    } else {
+        if arguments.map.is_none() && report.topics.is_some() {
+            words::print(&format!("map {map}: the first of the built-in ones that finds what it needs\n"))?;
+        }
+        words::print(&report.to_string())?;
+        if let Some(topics) = report.topics.as_ref().filter(|_| arguments.explain) {
+            words::print(&topics.explained())?;
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// Imports the log; gives the name of the map, and what became of the log.
+pub fn imported(arguments: &Arguments) -> anyhow::Result<(String, ImportReport)> {
     let output = arguments.output.as_deref().context("name the recording to write with -o")?;
     Outputs::new(arguments.force.force)
         .and(output, Form::Recording)
@@ -69,21 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
     files::make_folder(output)?;
     let report = import(&map, &arguments.log, output, rig.as_ref())?;
-    if arguments.json.json {
-        words::print_json(&report)?;
-    } else {
-        if arguments.map.is_none() && report.topics.is_some() {
-            words::print(&format!(
-                "map {}: the first of the built-in ones that finds what it needs\n",
-                map.name
-            ))?;
-        }
-        words::print(&report.to_string())?;
-        if let Some(topics) = report.topics.as_ref().filter(|_| arguments.explain) {
-            words::print(&topics.explained())?;
-        }
-    }
-    Ok(Exit::Done)
+    Ok((map.name, report))
 }
 
 /// Proposes a map, and says what could not be guessed.

@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::Context;
+use anyhow::{Context, anyhow, bail};
 use bench_device::Clock as _;
 use bench_kinect::KinectError;
 use bench_plant::effects::parse_effect;
@@ -135,6 +135,33 @@ fn rate(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    fly(arguments, &mut |flight, finished, took| tell(arguments, flight, finished, took))
+}
+
+/// The flight as a program reads it, without words.
+pub fn report(arguments: &Arguments) -> anyhow::Result<serde_json::Value> {
+    let mut report = serde_json::Value::Null;
+    let exit = fly(arguments, &mut |flight, finished, _| {
+        report = flight.as_json(SCHEMA, finished);
+        finished.as_ref().map(drop).map_err(|error| anyhow!(unrecorded(error)))
+    })?;
+    if exit == Exit::DataLoss {
+        bail!("the flight is recorded, but not all views were drawn");
+    }
+    Ok(report)
+}
+
+const SCHEMA: &str = "bench.sim/1";
+
+/// What is told of a flight and its recording, and how long it took.
+type Told<'a> =
+    dyn FnMut(&Flight<'_>, &Result<Finished, RecordingError>, Duration) -> anyhow::Result<()> + 'a;
+
+fn unrecorded(error: &RecordingError) -> String {
+    format!("the flight was simulated, but not all of it recorded: {error}")
+}
+
+fn fly(arguments: &Arguments, tell: &mut Told<'_>) -> anyhow::Result<Exit> {
     let (nominal, rig) = rigs(arguments)?;
     let mission = files::mission(&arguments.mission, arguments.rig.path())?;
     let added = recorded::added_effects(&nominal, &rig);
@@ -229,7 +256,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         checks: &checks,
         watch: arguments.frames.then_some(&watch),
     };
-    tell(arguments, &flight, &finished, took)?;
+    tell(&flight, &finished, took)?;
     let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
     let exit = keep(arguments, &output, &finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
@@ -263,7 +290,7 @@ fn tell(
     took: Duration,
 ) -> anyhow::Result<()> {
     if arguments.json.json {
-        return words::print_json(&flight.as_json("bench.sim/1", finished));
+        return words::print_json(&flight.as_json(SCHEMA, finished));
     }
     let duration_s = flight.flown.summary.duration_s;
     let pace = if arguments.realtime {
@@ -284,7 +311,7 @@ fn keep(
     views: Option<&KinectError>,
 ) -> anyhow::Result<Option<Exit>> {
     if let Err(error) = finished {
-        words::fail(format_args!("the flight was simulated, but not all of it recorded: {error}"));
+        words::fail(unrecorded(error));
         return Ok(Some(Exit::DataLoss));
     }
     if let Some(error) = views {
