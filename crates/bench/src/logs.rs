@@ -65,7 +65,7 @@ pub fn is_own(path: &Path) -> bool {
 
 /// The kind of a log that is read without being told how; `None` of recordings and all else.
 pub fn kind(path: &Path) -> Option<FileKind> {
-    FileKind::of(path).ok().filter(|kind| matches!(kind, FileKind::Ulog | FileKind::Dataflash))
+    FileKind::of(path).ok().filter(|kind| *kind != FileKind::Mcap && kind.log_format().is_some())
 }
 
 /// The flight of a recording, or of a log that `bench import` reads without a map's name.

@@ -15,7 +15,7 @@ use crate::{
     library, logs, progress, words,
 };
 
-/// Turn a flight log into a recording: logs of PX4, ArduPilot and ROS 2 as they are, tables by a mapping file
+/// Turn a flight log into a recording: logs of PX4, ArduPilot, Betaflight, the Crazyflie and ROS 2 as they are, tables by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench import log.ulg -o px4.mcap
@@ -25,14 +25,14 @@ use crate::{
   bench import flight.csv --rig virtual -o again.mcap
   bench import --guess flight.csv -o guessed.toml
 
-For logs of PX4 (ULog), ArduPilot (dataflash) and ROS 2 (MCAP) a built-in map is chosen by what is
-in them; --map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
+For logs of PX4 (ULog), ArduPilot (dataflash), Betaflight and INAV (blackbox), the Crazyflie and
+ROS 2 (MCAP) a built-in map is chosen by what is in them; --map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
 write a map. Rows with something wrong in them are counted and told, never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
     /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them). Not needed for
-    /// a log of PX4, ArduPilot or ROS 2, or a table that `bench export` wrote
+    /// a log of an autopilot or ROS 2, or a table that `bench export` wrote
     #[arg(long, value_name = "MAP")]
     map: Option<PathBuf>,
     /// Rig to attach, instead of the map's own: a file, or the name of a built-in one

@@ -12,7 +12,7 @@ use crate::recorded::Recorded;
 /// Which flights, and what of them.
 #[derive(Args)]
 pub struct Selection {
-    /// Recordings of flights, or logs of PX4 or ArduPilot
+    /// Recordings of flights, or logs of autopilots as `bench import` reads them without a map
     #[arg(required = true)]
     pub flights: Vec<PathBuf>,
     /// Use only what was flown above this altitude, m: for flights whose take-off and landing are no vertical ones
