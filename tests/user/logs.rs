@@ -9,6 +9,7 @@ use serde_json::Value;
 use crate::support::{Scratch, bench, json, refused, root, stdout};
 
 #[path = "../../crates/logs/tests/logs/writers.rs"]
+#[allow(dead_code, reason = "the tests of the readers use all of it")]
 pub mod writers;
 
 use writers::{Blackbox, Crazyflie, Dataflash, Packed, Ulog, floats};
@@ -601,7 +602,7 @@ fn a_crazyflie_says_the_same_by_its_card_and_by_its_client() {
     for k in 0..60 {
         card.data(0, 7_000_000 + u64::from(k) * 10_000, &floats(&values(k)));
         let cells = values(k).map(|value| value.to_string());
-        client += &format!("{},{}\n", 7_000 + 10 * k, cells.join(","));
+        client += &[&(7_000 + 10 * k).to_string(), ",", &cells.join(","), "\n"].concat();
     }
     let (by_card, flight) = imported(&scratch, "log00", &card.bytes());
     assert_eq!(by_card["map"], "crazyflie");

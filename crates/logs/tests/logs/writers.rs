@@ -174,7 +174,7 @@ impl Blackbox {
         lines.push(format!("minthrottle:{}", Self::MIN_THROTTLE));
         lines.push(format!("vbatref:{}", Self::VBAT_REFERENCE));
         lines.push(format!("motorOutput:{},2047", Self::MIN_MOTOR));
-        let head: String = lines.iter().map(|line| format!("H {line}\n")).collect();
+        let head = format!("H {}\n", lines.join("\nH "));
         Self { bytes: head.into_bytes(), main, known: [Vec::new(), Vec::new()], iteration: 0, home: [0; 2] }
     }
 
@@ -197,7 +197,7 @@ impl Blackbox {
                     0 | 6 => 0,
                     1 => last,
                     2 => 2 * last - before,
-                    3 => (last + before) / 2,
+                    3 => i64::midpoint(last, before),
                     4 => Self::MIN_THROTTLE,
                     5 => frame[first_motor.unwrap()],
                     8 => 1500,
@@ -218,14 +218,18 @@ impl Blackbox {
     /// A slow frame.
     pub fn slow(&mut self, values: &[i64]) {
         self.bytes.push(b'S');
-        values.iter().for_each(|value| signed(&mut self.bytes, *value));
+        for value in values {
+            signed(&mut self.bytes, *value);
+        }
     }
 
     /// Where the craft was armed.
     pub fn home(&mut self, home: [i64; 2]) {
         self.home = home;
         self.bytes.push(b'H');
-        home.iter().for_each(|value| signed(&mut self.bytes, *value));
+        for value in home {
+            signed(&mut self.bytes, value);
+        }
     }
 
     /// What the receiver said so many us after the last main frame.
