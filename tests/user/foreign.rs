@@ -11,9 +11,10 @@ const FOREIGN: &[(&str, &[u8], &str, &str)] = &[
     (
         "log.bbl",
         b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n",
-        "Betaflight",
-        "blackbox_decode",
+        "a Betaflight log",
+        "import",
     ),
+    ("log00", b"\xbc\x02\x00\x00\x00", "a log of the Crazyflie", "import"),
     ("table.parquet", b"PAR1\x15\x04", "a Parquet table", "--map"),
     ("bag.db3", b"SQLite format 3\0 and more", "a bag of ROS 2", "PlotJuggler"),
     ("bag.bag", b"#ROSBAG V2.0\n", "a bag of ROS 1", "PlotJuggler"),
@@ -42,7 +43,7 @@ fn logs_of_other_programs_are_told_for_what_they_are() {
             assert!(empty || words.contains(advice), "{arguments:?}: {words}");
         }
         // What `import` reads says what is wrong with it instead: tests/user/logs.rs.
-        if ["log.ulg", "log.bin", "table.parquet"].contains(name) {
+        if ["log.ulg", "log.bin", "log.bbl", "log00", "table.parquet"].contains(name) {
             continue;
         }
         for map in [&["--map", "crazypad"][..], &[]] {

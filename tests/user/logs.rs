@@ -9,9 +9,10 @@ use serde_json::Value;
 use crate::support::{Scratch, bench, json, refused, root, stdout};
 
 #[path = "../../crates/logs/tests/logs/writers.rs"]
+#[allow(dead_code, reason = "the tests of the readers use all of it")]
 pub mod writers;
 
-use writers::{Dataflash, Ulog, floats};
+use writers::{Blackbox, Crazyflie, Dataflash, Packed, Ulog, floats};
 
 /// How long the autopilot was on before the flight, us.
 const BOOT_US: u64 = 100_000_000;
@@ -509,6 +510,125 @@ fn a_log_of_ardupilot_finds_its_map_and_its_axes_are_turned() {
     assert_eq!(degrees, [5.0, 2.5, -90.0]);
     let state = flight.states.last().unwrap();
     assert_eq!((state.phase, state.setpoint_m[2]), (bench_rig::Phase::Hold, 1.5));
+}
+
+/// Imports a log that finds its map; gives the report and the flight.
+fn imported(scratch: &Scratch, name: &str, log: &[u8]) -> (Value, Flight) {
+    let (file, out) = (scratch.name(name), scratch.name("imported.mcap"));
+    fs::write(&file, log).unwrap();
+    let report = json(&bench(["import", &file, "-o", &out, "--force", "--json"]).assert().success());
+    assert_eq!((&report["used"], &report["skipped"]), (&report["rows"], &Value::Array(Vec::new())));
+    (report, Flight::load(&out).unwrap())
+}
+
+/// A field that is packed as it is.
+const fn plain(name: &'static str) -> Packed {
+    (name, true, [0, 0], [0, 0])
+}
+
+/// A log of main frames 20 ms apart, each with what `values` gives for its number.
+fn blackbox(fields: &[&'static str], values: &dyn Fn(i64) -> Vec<i64>) -> Vec<u8> {
+    let fields: Vec<Packed> = fields.iter().map(|name| plain(name)).collect();
+    let mut log = Blackbox::new(&fields, &["flightModeFlags"], &[]);
+    for k in 0..100 {
+        log.main(5_000_000 + 20_000 * k, &values(k));
+    }
+    log.bytes()
+}
+
+#[test]
+fn logs_of_betaflight_and_inav_find_their_maps() {
+    let scratch = Scratch::new();
+    let fields = ["setpoint[3]", "baroAlt", "vbatLatest", "amperageLatest"];
+    let log = blackbox(&fields, &|k| vec![550, k, 1610, 250]);
+    let (report, flight) = imported(&scratch, "betaflight.bbl", &log);
+    assert_eq!(report["map"], "betaflight");
+    let (position, command) = (flight.positions.last().unwrap(), flight.commands.last().unwrap());
+    assert_eq!((position.position_m[2], command.sticks.throttle, flight.commands.len()), (0.99, 0.55, 100));
+    let battery = flight.battery.last().unwrap();
+    assert_eq!((battery.voltage_v, battery.current_a, flight.battery.len()), (16.1, Some(2.5), 1));
+    assert_eq!(flight.states.last().unwrap().phase, bench_rig::Phase::Hold);
+
+    let fields =
+        ["rcCommand[3]", "navPos[0]", "navPos[1]", "navPos[2]", "navVel[2]", "navTgtPos[2]", "BaroAlt"];
+    let log = blackbox(&fields, &|k| vec![1400, 100, 200, k, 50, 150, 7]);
+    let (report, flight) = imported(&scratch, "inav.TXT", &log);
+    assert_eq!(report["map"], "inav");
+    let position = flight.positions.last().unwrap();
+    assert_eq!(position.position_m, [1.0, -2.0, 0.99]);
+    assert!((flight.commands.last().unwrap().sticks.throttle - 0.4).abs() < 1e-12);
+    assert_eq!(flight.states.last().unwrap().setpoint_m[2], 1.5);
+
+    // Without a barometer: what is missing, and what can still be done.
+    let log = scratch.name("racer.bbl");
+    fs::write(&log, blackbox(&["setpoint[3]", "vbatLatest"], &|_| vec![550, 1610])).unwrap();
+    let words = refused(bench(["import", &log, "-o", &scratch.name("racer.mcap")]), 2);
+    for part in [
+        "no altitude",
+        "main.baroAlt",
+        "main.navPos[2]",
+        "needs a barometer",
+        "motion capture",
+        "setpoint[3]",
+    ] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    // Two flights in one file: the first is taken, and the other is told.
+    let fields = ["setpoint[3]", "baroAlt"];
+    let [first, second] = [0, 1000].map(|begin| blackbox(&fields, &|k| vec![550, begin + k]));
+    let log = scratch.name("two.bbl");
+    fs::write(&log, [first, second].concat()).unwrap();
+    let out = scratch.name("two.mcap");
+    let words = stdout(&bench(["import", &log, "-o", &out, "--explain"]).assert().success());
+    assert!(words.contains("1 more in the file") && words.contains("main[1] (100 samples)"), "{words}");
+    assert_eq!(Flight::load(&out).unwrap().positions.len(), 100);
+}
+
+#[test]
+fn a_crazyflie_says_the_same_by_its_card_and_by_its_client() {
+    let scratch = Scratch::new();
+    let variables = [
+        ("stateEstimate.x", 'f'),
+        ("stateEstimate.y", 'f'),
+        ("stateEstimate.z", 'f'),
+        ("stateEstimate.pitch", 'f'),
+        ("stabilizer.thrust", 'f'),
+        ("pm.vbat", 'f'),
+    ];
+    let values = |k: u32| [0.5, -0.25, 0.0625 * f64::from(k), 4.0, 36_000.0, 3.75];
+    let mut card = Crazyflie::new(2, &[("fixedFrequency", &variables), ("lost", &[("id", 'B')])]);
+    let names: Vec<&str> = variables.iter().map(|(name, _)| *name).collect();
+    let mut client = format!("Timestamp,{}\n", names.join(","));
+    for k in 0..60 {
+        card.data(0, 7_000_000 + u64::from(k) * 10_000, &floats(&values(k)));
+        let cells = values(k).map(|value| value.to_string());
+        client += &[&(7_000 + 10 * k).to_string(), ",", &cells.join(","), "\n"].concat();
+    }
+    let (by_card, flight) = imported(&scratch, "log00", &card.bytes());
+    assert_eq!(by_card["map"], "crazyflie");
+    let (position, motion) = (flight.positions.last().unwrap(), flight.motion.last().unwrap());
+    assert_eq!(position.position_m, [0.5, -0.25, 3.6875]);
+    // The firmware's pitch is positive with the nose up.
+    assert!((motion.attitude_rad[1].unwrap().to_degrees() + 4.0).abs() < 1e-9, "{motion:?}");
+    assert_eq!(
+        (flight.commands.last().unwrap().sticks.throttle, flight.battery[0].voltage_v),
+        (36_000.0, 3.75)
+    );
+    let (by_client, again) = imported(&scratch, "block-20260101T12-00-00.csv", client.as_bytes());
+    assert_eq!(by_client["map"], "crazyflie");
+    assert_eq!(
+        (flight.positions, flight.commands, flight.battery),
+        (again.positions, again.commands, again.battery)
+    );
+    // A rig is drafted from either.
+    let draft = scratch.name("draft.toml");
+    bench(["rig", "from-log", &scratch.name("log00"), "-o", &draft]).assert().success();
+    bench(["check", &draft]).assert().success();
+    // A block without the altitude.
+    let log = scratch.name("battery.csv");
+    fs::write(&log, "Timestamp,pm.vbat,stabilizer.thrust\n1,3.9,0\n").unwrap();
+    let words = refused(bench(["import", &log, "-o", &scratch.name("battery.mcap")]), 2);
+    assert!(words.contains("no altitude") && words.contains("in one block"), "{words}");
 }
 
 #[test]

@@ -26,12 +26,15 @@ pub enum Kind {
 }
 
 /// The maps for logs of topics, in the order in which they are tried: those that take less for granted first.
-pub const LOG_MAPS: [&str; 9] = [
+pub const LOG_MAPS: [&str; 12] = [
     "px4-vision",
     "px4",
     "px4-old",
     "ardupilot-vision",
     "ardupilot",
+    "inav",
+    "betaflight",
+    "crazyflie",
     "ros2-px4",
     "ros2-mavros",
     "ros2-odometry",

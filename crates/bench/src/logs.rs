@@ -13,7 +13,7 @@ pub use flown::{Flown, import_map, is_own};
 
 /// The kind of a log that is read without being told how; `None` of recordings and all else.
 pub fn kind(path: &Path) -> Option<FileKind> {
-    FileKind::of(path).ok().filter(|kind| matches!(kind, FileKind::Ulog | FileKind::Dataflash))
+    FileKind::of(path).ok().filter(FileKind::is_log)
 }
 
 /// The flight of a recording, or of a log, by the map named or by the one that `bench import` takes without a name.

@@ -1,6 +1,8 @@
 //! How values are said on the screen.
 
 use std::{
+    cell::RefCell,
+    ffi::OsString,
     fmt,
     io::{self, Write},
     path::Path,
@@ -54,9 +56,21 @@ pub fn quoted(word: &str) -> String {
     }
 }
 
+thread_local! {
+    /// The words of a call by another program; empty where the process' own arguments are the command.
+    static CALLED: RefCell<Vec<OsString>> = const { RefCell::new(Vec::new()) };
+}
+
+/// From here on the command of this thread is the one of a call.
+pub fn called_by(words: &[OsString]) {
+    CALLED.set(words.to_vec());
+}
+
 /// The command that was given, as a shell takes it.
 pub fn command() -> String {
-    let given = std::env::args_os().skip(1).map(|word| quoted(&word.to_string_lossy()));
+    let called = CALLED.with_borrow(Clone::clone);
+    let given = if called.is_empty() { std::env::args_os().skip(1).collect() } else { called };
+    let given = given.into_iter().map(|word| quoted(&word.to_string_lossy()));
     std::iter::once("bench".to_owned()).chain(given).collect::<Vec<_>>().join(" ")
 }
 

@@ -31,6 +31,9 @@ pub enum CampaignError {
         /// Why.
         source: io::Error,
     },
+    /// Whoever is told of its progress wanted it to end.
+    #[error("the sweep was stopped; the same call goes on with what is left")]
+    Stopped,
     /// A table cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Table {

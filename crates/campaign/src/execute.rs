@@ -2,6 +2,7 @@
 
 use std::{
     fmt, fs,
+    ops::ControlFlow,
     str::FromStr,
     sync::{
         Mutex, PoisonError,
@@ -95,19 +96,21 @@ pub struct Executed {
 /// Runs for each core that are computed before the next wave begins, so that a long one among them holds nobody up for long.
 const RUNS_PER_CORE: u64 = 16;
 
-/// Does the runs of a share that are not done yet. Another process is kept off the same share while this one runs.
+/// Does the runs of a share that are not done yet. Another process is kept off the same share while this one runs. Where `tell` breaks,
+/// it ends with [`CampaignError::Stopped`], and parts that are written stay.
 pub fn execute(
     store: &Store,
     shard: Shard,
     keep: Keep,
-    tell: &(dyn Fn(Step) + Sync),
+    tell: &(dyn Fn(Step) -> ControlFlow<()> + Sync),
 ) -> Result<Executed, CampaignError> {
     let _lock = store.lock(shard)?;
     store.remove_left_over();
     let plan = store.plan();
     let (missing, before) = store.unfinished(shard);
     let runs = before + missing.iter().map(|part| length(plan.runs_of_part(*part))).sum::<u64>();
-    tell(Step::Begun { runs, done: before });
+    let go_on = |step| if tell(step).is_break() { Err(CampaignError::Stopped) } else { Ok(()) };
+    go_on(Step::Begun { runs, done: before })?;
     if keep != Keep::Nothing {
         let folder = store.folder().join("recordings");
         fs::create_dir_all(&folder).map_err(|source| CampaignError::Io {
@@ -146,7 +149,7 @@ pub fn execute(
                                 counts[count].fetch_add(1, Ordering::Relaxed);
                             }
                             busy_ns.fetch_add(done.took.as_nanos() as u64, Ordering::Relaxed);
-                            tell(Step::Done(done.outcome));
+                            go_on(Step::Done(done.outcome))?;
                             Ok(done)
                         })
                         .collect::<Result<Vec<Done>, CampaignError>>()

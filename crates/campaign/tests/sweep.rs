@@ -2,12 +2,14 @@
 
 use std::{
     fs,
+    ops::ControlFlow,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicU64, Ordering},
 };
 
 use bench_campaign::{
-    CampaignError, Executed, Keep, Library, Outcome, Plan, RESULTS, Shard, Store, Table, Unfound, execute,
-    record,
+    CampaignError, Executed, Keep, Library, Outcome, Plan, RESULTS, Shard, Step, Store, Table, Unfound,
+    execute, record,
 };
 use bench_recording::{Options, Recorder, Session};
 use bench_rig::{Mission, Rig};
@@ -61,7 +63,7 @@ fn begin(folder: &Path) -> Store {
 }
 
 fn run(store: &Store, shard: Shard) -> Executed {
-    execute(store, shard, Keep::Nothing, &|_| ()).unwrap()
+    execute(store, shard, Keep::Nothing, &|_| ControlFlow::Continue(())).unwrap()
 }
 
 fn part(folder: &Path, part: u64) -> PathBuf {
@@ -155,6 +157,23 @@ fn what_a_dead_process_left_half_written_goes_and_what_a_living_one_writes_stays
 }
 
 #[test]
+fn a_sweep_that_is_stopped_goes_on_with_what_is_left() {
+    let scratch = tempfile::tempdir().unwrap();
+    let expected = whole(&scratch.path().join("whole"));
+    let store = begin(&scratch.path().join("stopped"));
+    let done = AtomicU64::new(0);
+    let stop_at_the_third = |step| match step {
+        Step::Done(_) if done.fetch_add(1, Ordering::Relaxed) >= 2 => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    let stopped = execute(&store, Shard::WHOLE, Keep::Nothing, &stop_at_the_third).unwrap_err();
+    assert!(matches!(stopped, CampaignError::Stopped), "{stopped}");
+    run(&store, Shard::WHOLE);
+    store.merge().unwrap();
+    assert_eq!(fs::read(scratch.path().join("stopped").join(RESULTS)).unwrap(), expected);
+}
+
+#[test]
 fn a_merge_that_fails_leaves_the_one_before() {
     let scratch = tempfile::tempdir().unwrap();
     let expected = whole(scratch.path());
@@ -178,7 +197,7 @@ fn a_shard_that_is_being_run_is_not_run_again() {
     let store = begin(scratch.path());
     let shard = Shard { number: 2, of: 4 };
     let lock = store.lock(shard).unwrap();
-    let refused = execute(&store, shard, Keep::Nothing, &|_| ()).unwrap_err();
+    let refused = execute(&store, shard, Keep::Nothing, &|_| ControlFlow::Continue(())).unwrap_err();
     assert!(refused.to_string().contains("shard 2/4"), "{refused}");
     run(&store, Shard { number: 1, of: 4 });
     drop(lock);
@@ -251,7 +270,7 @@ fn a_replayed_run_is_the_recording_that_the_mission_gives() {
     let nominal =
         PLAN.replace("airframes = \"drawn\"\n", "").replace("missions = \"short\"", "missions = \"low\"");
     let store = Store::begin(&scratch.path().join("swept"), plan(&nominal)).unwrap();
-    let failed = execute(&store, Shard::WHOLE, Keep::Failed, &|_| ()).unwrap();
+    let failed = execute(&store, Shard::WHOLE, Keep::Failed, &|_| ControlFlow::Continue(())).unwrap();
     let kept = fs::read_dir(scratch.path().join("swept/recordings")).unwrap().count() as u64;
     let missed = Outcome::ALL.iter().position(|outcome| *outcome == Outcome::Missed).unwrap();
     assert!(kept > 0 && kept == failed.outcomes[missed], "{kept} of {:?}", failed.outcomes);

@@ -8,6 +8,10 @@ pub enum Format {
     Ulog,
     /// `ArduPilot`'s log.
     Dataflash,
+    /// Betaflight's and INAV's log.
+    Blackbox,
+    /// The log of a Crazyflie's card, or a log block that its client wrote.
+    Crazyflie,
     /// MCAP: bags of ROS 2 in CDR, and any protobuf or JSON.
     Mcap,
 }
@@ -19,6 +23,8 @@ impl Format {
             Self::Parquet => "a Parquet table",
             Self::Ulog => "a PX4 log (ULog)",
             Self::Dataflash => "an ArduPilot log (dataflash)",
+            Self::Blackbox => "a Betaflight log (blackbox)",
+            Self::Crazyflie => "a log of the Crazyflie (uSD or client)",
             Self::Mcap => "an MCAP file",
         }
     }

@@ -8,8 +8,10 @@
 //!
 //! Each format is one module with one function `scan`. All are read in pieces.
 
+mod blackbox;
 mod bytes;
 mod cdr;
+mod crazyflie;
 mod dataflash;
 mod error;
 mod format;
@@ -38,6 +40,8 @@ pub fn scan(path: &Path, format: Format, visitor: &mut dyn Visitor) -> Result<Lo
         Format::Parquet => parquet::scan(path, visitor),
         Format::Ulog => ulog::scan(path, visitor),
         Format::Dataflash => dataflash::scan(path, visitor),
+        Format::Blackbox => blackbox::scan(path, visitor),
+        Format::Crazyflie => crazyflie::scan(path, visitor),
         Format::Mcap => mcap::scan(path, visitor),
     }
 }

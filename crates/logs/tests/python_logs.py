@@ -2,6 +2,7 @@
 
     python_logs.py ulog LOG [REWRITTEN]   by pyulog, which may also write the log anew
     python_logs.py dataflash LOG          by pymavlink
+    python_logs.py blackbox LOG           by orangebox
     python_logs.py bag FOLDER             by rosbags, which writes the bag first
 """
 
@@ -63,6 +64,23 @@ def dataflash(path):
         row = {field: plain(getattr(message, field)) for field in message.get_fieldnames()}
         topics.setdefault(name, []).append(row)
     return {"topics": topics, "parameters": parameters}
+
+
+def blackbox(path):
+    from orangebox import Parser
+    from orangebox.types import FrameType
+
+    parser = Parser.load(path)
+    fields = parser.field_names
+    of_main = len(parser.reader.field_defs[FrameType.INTRA])
+    main, slow = [], []
+    for frame in parser.frames():
+        main.append(dict(zip(fields[:of_main], frame.data)))
+        # Each main frame has the last slow one behind it.
+        row = dict(zip(fields[of_main:], frame.data[of_main:]))
+        if "" not in row.values() and slow[-1:] != [row]:
+            slow.append(row)
+    return {"topics": {"main": main, "slow": slow}, "parameters": {}}
 
 
 def flat(message, before, row):
@@ -167,4 +185,4 @@ def bag(folder):
 
 if __name__ == "__main__":
     what, *names = sys.argv[1:]
-    json.dump({"ulog": ulog, "dataflash": dataflash, "bag": bag}[what](*names), sys.stdout)
+    json.dump({"ulog": ulog, "dataflash": dataflash, "blackbox": blackbox, "bag": bag}[what](*names), sys.stdout)

@@ -53,8 +53,10 @@ pub enum FileKind {
     Ulog,
     /// A log of the autopilot `ArduPilot`.
     Dataflash,
-    /// A Betaflight log.
+    /// A log of Betaflight or INAV.
     Blackbox,
+    /// A log of the Crazyflie: of its card, or of its client.
+    Crazyflie,
     /// An Apache Parquet table.
     Parquet,
     /// A bag of ROS 1.
@@ -72,7 +74,7 @@ pub enum FileKind {
 }
 
 /// The logs that `bench import` reads.
-const READ: &str = "of PX4 (ULog), of ArduPilot (dataflash), MCAP (bags of ROS 2, protobuf, JSON), Parquet, or a table (CSV) whose first line names the columns";
+const READ: &str = "of PX4 (ULog), of ArduPilot (dataflash), of Betaflight (blackbox), of the Crazyflie, MCAP (bags of ROS 2, protobuf, JSON), Parquet, or a table (CSV) whose first line names the columns";
 
 /// Enough of a file to tell what it is.
 const LOOKED_AT: u64 = 64 << 10;
@@ -116,6 +118,7 @@ impl FileKind {
             _ if head.starts_with(b"ULog\x01\x12\x35") => Self::Ulog,
             _ if head.starts_with(b"\xa3\x95\x80\x80") => Self::Dataflash,
             _ if head.starts_with(b"H Product:Blackbox") => Self::Blackbox,
+            [0xbc, 1 | 2, 0, ..] => Self::Crazyflie,
             _ if head.starts_with(b"PAR1") => Self::Parquet,
             _ if head.starts_with(b"#ROSBAG V") => Self::Rosbag1,
             _ if head.starts_with(b"SQLite format 3\0") => Self::Sqlite,
@@ -147,6 +150,13 @@ impl FileKind {
             let ending = first.split(',').nth(2).and_then(|name| name.strip_prefix("command_throttle_"));
             let of = [Actuation::Volt, Actuation::Fraction, Actuation::Count];
             return Self::OwnTable(of.into_iter().find(|actuation| Some(actuation.suffix()) == ending));
+        }
+        // The client writes variables of the firmware, which stand in groups.
+        if first
+            .strip_prefix("Timestamp,")
+            .is_some_and(|names| names.split(',').all(|name| name.contains('.')))
+        {
+            return Self::Crazyflie;
         }
         if let Ok(visit::Node { value: Value::Table(entries), .. }) = visit::parse(Path::new(""), text)
             && !entries.is_empty()
@@ -189,6 +199,7 @@ impl FileKind {
             Self::Ulog => "a PX4 log (ULog)",
             Self::Dataflash => "an ArduPilot log (dataflash)",
             Self::Blackbox => "a Betaflight log (blackbox)",
+            Self::Crazyflie => "a log of the Crazyflie",
             Self::Parquet => "a Parquet table",
             Self::Rosbag1 => "a bag of ROS 1",
             Self::Sqlite => "an SQLite database, such as a bag of ROS 2",
@@ -199,12 +210,19 @@ impl FileKind {
         }
     }
 
+    /// Whether it is another program's log that is read without being told how.
+    pub const fn is_log(&self) -> bool {
+        matches!(self, Self::Ulog | Self::Dataflash | Self::Blackbox | Self::Crazyflie)
+    }
+
     /// How it is read as a log of topics; `None` of what is none.
     #[cfg(feature = "exchange")]
     pub const fn log_format(&self) -> Option<Format> {
         match self {
             Self::Ulog => Some(Format::Ulog),
             Self::Dataflash => Some(Format::Dataflash),
+            Self::Blackbox => Some(Format::Blackbox),
+            Self::Crazyflie => Some(Format::Crazyflie),
             Self::Mcap => Some(Format::Mcap),
             _ => None,
         }
@@ -214,7 +232,6 @@ impl FileKind {
     fn to_csv(&self) -> Option<&'static str> {
         Some(match self {
             Self::Xlsx => "save the sheet with the flight as CSV from the spreadsheet",
-            Self::Blackbox => "turn it into CSV with `blackbox_decode` (Betaflight blackbox-tools)",
             Self::Sqlite => {
                 "`ros2 bag convert` turns a bag into MCAP, which is read as it is; or write the topics with position and throttle as one CSV file, for instance with PlotJuggler"
             }
@@ -237,7 +254,7 @@ impl FileKind {
             Self::OwnTable(Some(_)) => {
                 format!("`bench import {file} --rig RIG -o flight.mcap` makes a recording of it")
             }
-            Self::Ulog | Self::Dataflash => {
+            Self::Ulog | Self::Dataflash | Self::Blackbox | Self::Crazyflie => {
                 format!("`bench import {file} -o flight.mcap` makes a recording of it")
             }
             Self::OwnTable(None) | Self::Csv | Self::Parquet => format!(
@@ -263,7 +280,7 @@ impl FileKind {
     pub fn instead_of_log(&self) -> Option<String> {
         Some(match self {
             Self::OwnTable(_) | Self::Csv | Self::Text | Self::Parquet => return None,
-            Self::Ulog | Self::Dataflash => {
+            Self::Ulog | Self::Dataflash | Self::Blackbox | Self::Crazyflie => {
                 "leave out --map, for `bench import` has maps for it, or name a map whose `log` is of this kind".to_owned()
             }
             Self::Empty => "expected a CSV file whose first line names the columns".to_owned(),
@@ -305,6 +322,9 @@ mod tests {
         assert_eq!(FileKind::of_bytes(b"\xff\xfe\x00\x01"), FileKind::Binary);
         assert_eq!(of("H Product:Blackbox flight data recorder\n"), FileKind::Blackbox);
         assert_eq!(of("t,z\n0,1\n"), FileKind::Csv);
+        assert_eq!(FileKind::of_bytes(b"\xbc\x02\x00\x01\x00rest"), FileKind::Crazyflie);
+        assert_eq!(of("Timestamp,stateEstimate.z,pm.vbat\n12,0,4\n"), FileKind::Crazyflie);
+        assert_eq!(of("Timestamp,altitude\n12,0\n"), FileKind::Csv);
         assert_eq!(of("time_s,phase,command_throttle_count,x\n"), FileKind::OwnTable(Some(Actuation::Count)));
         assert_eq!(of("time_s,phase,command_throttle_actuation,x\n"), FileKind::OwnTable(None));
         assert_eq!(of("name = \"x\"\n[[phase]]\nkind = \"idle\"\n"), FileKind::Mission);

@@ -251,7 +251,7 @@ enum Content {
 }
 
 /// First bytes of files that come to a bench and are none of its own.
-const FOREIGN: [(&[u8], &str, &str); 8] = [
+const FOREIGN: [(&[u8], &str, &str); 10] = [
     (
         b"PK\x03\x04",
         "is a spreadsheet or an archive",
@@ -259,6 +259,12 @@ const FOREIGN: [(&[u8], &str, &str); 8] = [
     ),
     (b"ULog\x01\x12\x35", "is a flight log of PX4 (ULog)", "`bench import` makes a recording of it"),
     (b"\xa3\x95", "is a flight log of ArduPilot", "`bench import` makes a recording of it"),
+    (
+        b"H Product:Black",
+        "is a flight log of Betaflight or INAV (blackbox)",
+        "`bench import` makes a recording of it",
+    ),
+    (b"\xbc\x02\x00", "is a flight log of the Crazyflie", "`bench import` makes a recording of it"),
     (b"PAR1", "is a Parquet table", "`bench import --map MAP` makes a recording of it"),
     (b"\x89HDF", "is an HDF5 file", "turn it into CSV and use `bench import --map MAP`"),
     (

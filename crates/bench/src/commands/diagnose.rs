@@ -71,7 +71,7 @@ The rig is the nominal model with its tolerances. All flights must be of one air
 condition; more and richer flights (launches, steps, descents, low hover) tell more.
 docs/diagnosis.md has the method, and what it does not do yet.")]
 pub struct Arguments {
-    /// Recordings of flights, or logs of PX4 or ArduPilot
+    /// Recordings of flights, or logs of autopilots as `bench import` reads them without a map
     #[arg(required_unless_present_any = ["test", "nominal"])]
     flights: Vec<PathBuf>,
     /// The same, after an option that takes several flights
@@ -129,84 +129,135 @@ fn probability(text: &str) -> Result<f64, String> {
     }
 }
 
+impl Arguments {
+    /// Whether nominal flights are to be held against one another, and nothing else.
+    fn is_control(&self) -> bool {
+        self.flights.is_empty() && self.test.is_empty() && !self.nominal.is_empty()
+    }
+
+    fn check_outputs(&self) -> anyhow::Result<()> {
+        Outputs::new(self.force.force)
+            .and(self.page.html.as_deref(), Form::Html)
+            .and(self.write_rig.as_deref(), Form::Toml)
+            .and(self.next_flight.as_deref(), Form::Toml)
+            .and(self.write_calibration.as_deref(), Form::Any)
+            .from(self.flights.iter().chain(&self.test).chain(&self.nominal).map(PathBuf::as_path))
+            .check()
+    }
+}
+
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let between = between(arguments)?;
-    Outputs::new(arguments.force.force)
-        .and(arguments.page.html.as_deref(), Form::Html)
-        .and(arguments.write_rig.as_deref(), Form::Toml)
-        .and(arguments.next_flight.as_deref(), Form::Toml)
-        .and(arguments.write_calibration.as_deref(), Form::Any)
-        .from(arguments.flights.iter().chain(&arguments.test).chain(&arguments.nominal).map(PathBuf::as_path))
-        .check()?;
-    let tests = [arguments.flights.as_slice(), &arguments.test].concat();
-    let selection = &arguments.selection;
-    let (prepared, model) = if arguments.nominal.is_empty() {
-        (Prepared::read(&tests, selection, &arguments.rig)?, None)
-    } else {
-        let (nominal, model) = nominal(&arguments.nominal, selection, &arguments.rig)?;
-        if tests.is_empty() {
-            return control(arguments, &nominal, &model);
-        }
-        (Prepared::against(&tests, selection, nominal)?, Some(model.told()))
-    };
-    let Prepared { rig, from, tracks, flown, mut warnings } = prepared;
-    let chosen = match arguments.calibrate {
-        Some(sets) => calibration::learnt(&rig, &flown, sets)?,
-        None => calibration::choose(&arguments.calibration, &rig, &flown)?,
-    };
-    let Chosen { calibration, choice, warning, kept } = chosen;
-    warnings.extend(warning);
-    if let Some(file) = &arguments.write_calibration {
-        let kept = kept.with_context(|| {
-            format!(
-                "{} is not written: the calibration is the built-in one; --calibrate learns one",
-                file.display()
-            )
-        })?;
-        kept.write(file)?;
+    if arguments.is_control() {
+        return control(arguments);
     }
-    let problem = Problem::new(&tracks, &rig);
-    let progress = Progress::of("diagnose");
-    let flights = words::count(tracks.len() as u64, "flight");
-    progress.begin_untold(&format!("weighing what explains {flights}"));
-    let analysis = Analysis::of(&problem, &calibration);
-    let mut diagnosis = analysis.diagnosis();
-    refuse_absurd(&diagnosis, &from)?;
-    let mut refused = false;
-    if arguments.next_flight.is_some() {
-        progress.begin_untold("trying missions for the next flight");
-        match NextFlight::propose(&analysis.problem(), &diagnosis.candidates, between, &flown.distinct(), fly)
-        {
-            Ok(next) => diagnosis.next_flight = Some(next),
-            Err(reason) => {
-                refused = true;
-                warnings.push(reason.to_string());
-            }
-        }
-    }
-    drop(progress);
-    diagnosis.warnings = warnings;
-    let report = Report { model, ..Report::new(diagnosis, arguments.min_confidence, choice) };
+    let made = Made::by(arguments)?;
+    let report = &made.report;
     if arguments.json.json {
-        words::print_json(&report)?;
+        words::print_json(report)?;
     } else {
-        words::print(&in_words(&report, rig.airframe.actuation))?;
+        words::print(&in_words(report, made.rig.airframe.actuation))?;
     }
-    if let Some(file) = &arguments.page.html {
-        files::write_and_say(file, &page(&report, &rig))?;
-    }
-    if let Some(path) = &arguments.write_rig {
-        write_rig(path, &rig, &report)?;
-    }
+    made.write(arguments)?;
     let diagnosis = &report.diagnosis;
-    if let (Some(next), Some(file)) = (&diagnosis.next_flight, &arguments.next_flight) {
-        files::write(file, &next.to_toml())?;
-        if !arguments.json.json {
-            words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
-        }
+    if let (Some(next), Some(file), false) =
+        (&diagnosis.next_flight, &arguments.next_flight, arguments.json.json)
+    {
+        words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
     }
     let gap = report.verdict != Conclusion::None;
-    Ok(if refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+    Ok(if made.refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
+}
+
+/// The diagnosis without words; what is to be written is written.
+pub fn report(arguments: &Arguments) -> anyhow::Result<Report> {
+    let made = Made::by(arguments)?;
+    made.write(arguments)?;
+    Ok(made.report)
+}
+
+/// A diagnosis, and the rig that the flights were held against.
+struct Made {
+    report: Report,
+    rig: Rig,
+    /// Whether a next flight was asked for and there is none.
+    refused: bool,
+}
+
+impl Made {
+    fn by(arguments: &Arguments) -> anyhow::Result<Self> {
+        let between = between(arguments)?;
+        arguments.check_outputs()?;
+        let tests = [arguments.flights.as_slice(), &arguments.test].concat();
+        if tests.is_empty() {
+            bail!("no flights to be held against the nominal ones: name them with --test");
+        }
+        let selection = &arguments.selection;
+        let (prepared, model) = if arguments.nominal.is_empty() {
+            (Prepared::read(&tests, selection, &arguments.rig)?, None)
+        } else {
+            let (nominal, model) = nominal(&arguments.nominal, selection, &arguments.rig)?;
+            (Prepared::against(&tests, selection, nominal)?, Some(model.told()))
+        };
+        let Prepared { rig, from, tracks, flown, mut warnings } = prepared;
+        let chosen = match arguments.calibrate {
+            Some(sets) => calibration::learnt(&rig, &flown, sets)?,
+            None => calibration::choose(&arguments.calibration, &rig, &flown)?,
+        };
+        let Chosen { calibration, choice, warning, kept } = chosen;
+        warnings.extend(warning);
+        if let Some(file) = &arguments.write_calibration {
+            let kept = kept.with_context(|| {
+                format!(
+                    "{} is not written: the calibration is the built-in one; --calibrate learns one",
+                    file.display()
+                )
+            })?;
+            kept.write(file)?;
+        }
+        let problem = Problem::new(&tracks, &rig);
+        let progress = Progress::of("diagnose");
+        let flights = words::count(tracks.len() as u64, "flight");
+        progress.begin_untold(&format!("weighing what explains {flights}"));
+        let analysis = Analysis::of(&problem, &calibration);
+        let mut diagnosis = analysis.diagnosis();
+        refuse_absurd(&diagnosis, &from)?;
+        let mut refused = false;
+        if arguments.next_flight.is_some() {
+            progress.begin_untold("trying missions for the next flight");
+            match NextFlight::propose(
+                &analysis.problem(),
+                &diagnosis.candidates,
+                between,
+                &flown.distinct(),
+                fly,
+            ) {
+                Ok(next) => diagnosis.next_flight = Some(next),
+                Err(reason) => {
+                    refused = true;
+                    warnings.push(reason.to_string());
+                }
+            }
+        }
+        drop(progress);
+        diagnosis.warnings = warnings;
+        let report = Report { model, ..Report::new(diagnosis, arguments.min_confidence, choice) };
+        Ok(Self { report, rig, refused })
+    }
+
+    /// Writes the page, the rig and the mission that were asked for.
+    fn write(&self, arguments: &Arguments) -> anyhow::Result<()> {
+        let Self { report, rig, .. } = self;
+        if let Some(file) = &arguments.page.html {
+            files::write_and_say(file, &page(report, rig))?;
+        }
+        if let Some(path) = &arguments.write_rig {
+            write_rig(path, rig, report)?;
+        }
+        if let (Some(next), Some(file)) = (&report.diagnosis.next_flight, &arguments.next_flight) {
+            files::write(file, &next.to_toml())?;
+        }
+        Ok(())
+    }
 }
 
 /// Flights as the diagnosis takes them, and the rig that they are held against.
@@ -296,7 +347,17 @@ fn nominal(
 }
 
 /// Nominal flights held against nominal ones, and nothing else.
-fn control(arguments: &Arguments, nominal: &Nominal, model: &NominalModel) -> anyhow::Result<Exit> {
+fn control(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let wants_more = [
+        ("--html", arguments.page.html.is_some()),
+        ("--write-rig", arguments.write_rig.is_some()),
+        ("--next-flight", arguments.next_flight.is_some()),
+        ("--write-calibration", arguments.write_calibration.is_some()),
+    ];
+    if let Some((option, _)) = wants_more.into_iter().find(|(_, wanted)| *wanted) {
+        bail!("{option} needs flights to be held against the nominal ones: name them with --test");
+    }
+    let (nominal, model) = nominal(&arguments.nominal, &arguments.selection, &arguments.rig)?;
     if model.control.is_empty() {
         bail!(
             "{}: none of them can be left out, so there is no control; give four or more",
@@ -305,7 +366,7 @@ fn control(arguments: &Arguments, nominal: &Nominal, model: &NominalModel) -> an
     }
     let holds = model.holds();
     if arguments.json.json {
-        words::print_json(model)?;
+        words::print_json(&model)?;
     } else {
         let lines = control_in_words(&model.control).into_iter().chain(laws_in_words(&model.found.laws));
         words::print(&lines.map(|line| line + "\n").collect::<String>())?;

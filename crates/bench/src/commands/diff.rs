@@ -80,6 +80,21 @@ enum AlignChoice {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let report = report(arguments)?;
+    if arguments.json.json {
+        words::print_json(&report)?;
+    } else {
+        words::print(&words::headed(html_verdict(&report).tone, &render_text(&report, arguments.all)))?;
+    }
+    Ok(match report.verdict() {
+        Verdict::Same | Verdict::WithinTolerance => Exit::Done,
+        Verdict::NotComparable => Exit::BadInput,
+        _ => Exit::CheckFailed,
+    })
+}
+
+/// The comparison; its page is written.
+pub fn report(arguments: &Arguments) -> anyhow::Result<DiffReport> {
     Outputs::new(arguments.force.force)
         .and(arguments.page.html.as_deref(), Form::Html)
         .from([arguments.a.as_path(), arguments.b.as_path()])
@@ -100,16 +115,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if let Some(page) = &arguments.page.html {
         files::write_and_say(page, &render_html(&report, &words::command()))?;
     }
-    if arguments.json.json {
-        words::print_json(&report)?;
-    } else {
-        words::print(&words::headed(html_verdict(&report).tone, &render_text(&report, arguments.all)))?;
-    }
-    Ok(match report.verdict() {
-        Verdict::Same | Verdict::WithinTolerance => Exit::Done,
-        Verdict::NotComparable => Exit::BadInput,
-        _ => Exit::CheckFailed,
-    })
+    Ok(report)
 }
 
 /// Two recordings compared, with tolerances from the rig and mission that both carry unless the options have others.

@@ -164,7 +164,7 @@ not tell is said and left as it was. Then `bench diagnose --rig my-quad-identifi
 holds other flights against these, with the same --above and --without. docs/identify.md has the
 method.")]
 struct FlightArguments {
-    /// Recordings of flights, or logs of PX4 or ArduPilot
+    /// Recordings of flights, or logs of autopilots as `bench import` reads them without a map
     #[arg(required = true)]
     flights: Vec<PathBuf>,
     #[command(flatten)]
@@ -189,6 +189,36 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
 }
 
 fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
+    let (model, written) = identified(arguments)?;
+    if arguments.json.json {
+        words::print_json(&model)?;
+    } else {
+        words::print(&in_words(&model, arguments))?;
+    }
+    if !written {
+        words::fail(not_written(arguments));
+    }
+    Ok(if written { Exit::Done } else { Exit::CheckFailed })
+}
+
+/// What the flights tell, without words; `None` where something else is to be identified.
+pub fn from_flights(arguments: &Arguments) -> Option<anyhow::Result<NominalModel>> {
+    let What::Flight(arguments) = &arguments.what else { return None };
+    Some(identified(arguments).and_then(|(model, written)| {
+        anyhow::ensure!(written, not_written(arguments));
+        Ok(model)
+    }))
+}
+
+fn not_written(arguments: &FlightArguments) -> String {
+    format!(
+        "{} is not written: the model of some of these flights does not hold for the others, so that other flights held against it would tell of the model; look at the control, add flights of other kinds or leave out what is not like the rest, or write it all the same with --force",
+        arguments.output.display()
+    )
+}
+
+/// What the flights tell, and whether the rig is written: a model that does not hold for the flights that made it is handed out to who insists.
+fn identified(arguments: &FlightArguments) -> anyhow::Result<(NominalModel, bool)> {
     let FlightArguments { flights, selection, .. } = arguments;
     Outputs::new(arguments.force.force)
         .and(arguments.output.as_path(), Form::Toml)
@@ -201,23 +231,11 @@ fn flight(arguments: &FlightArguments) -> anyhow::Result<Exit> {
     drop(progress);
     let mut model = model?;
     model.found.warnings.extend(nominal.remarks);
-    // A model that does not hold for the flights that made it is handed out to who insists.
     let written = model.holds() || arguments.force.force;
     if written {
         files::write_rig(&arguments.output, &head(&model, arguments, &nominal.from), &model.found.rig)?;
     }
-    if arguments.json.json {
-        words::print_json(&model)?;
-    } else {
-        words::print(&in_words(&model, arguments))?;
-    }
-    if !written {
-        words::fail(format_args!(
-            "{} is not written: the model of some of these flights does not hold for the others, so that other flights held against it would tell of the model; see above what it lacks, add flights of other kinds or leave out what is not like the rest, or write it all the same with --force",
-            arguments.output.display()
-        ));
-    }
-    Ok(if written { Exit::Done } else { Exit::CheckFailed })
+    Ok((model, written))
 }
 
 /// How the rig was made.

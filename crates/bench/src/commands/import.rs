@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use bench_recording::{
     FileKind,
-    import::{ImportMap, choose, guess, import},
+    import::{ImportMap, ImportReport, choose, guess, import},
 };
 use bench_rig::Actuation;
 use clap::Args;
@@ -15,7 +15,7 @@ use crate::{
     library, logs, progress, words,
 };
 
-/// Turn a flight log into a recording: logs of PX4, ArduPilot and ROS 2 as they are, tables by a mapping file
+/// Turn a flight log into a recording: logs of PX4, ArduPilot, Betaflight, the Crazyflie and ROS 2 as they are, tables by a mapping file
 #[derive(Args)]
 #[command(after_help = "Examples:
   bench import log.ulg -o px4.mcap
@@ -25,14 +25,14 @@ use crate::{
   bench import flight.csv --rig virtual -o again.mcap
   bench import --guess flight.csv -o guessed.toml
 
-For logs of PX4 (ULog), ArduPilot (dataflash) and ROS 2 (MCAP) a built-in map is chosen by what is
-in them; --map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
+For logs of PX4 (ULog), ArduPilot (dataflash), Betaflight and INAV (blackbox), the Crazyflie and
+ROS 2 (MCAP) a built-in map is chosen by what is in them; --map names another. A table that `bench export` wrote needs no map, but its rig. docs/import.md says how to
 write a map. Rows with something wrong in them are counted and told, never used.")]
 pub struct Arguments {
     /// Flight log
     log: PathBuf,
     /// Map: which column is what, in which unit; a file, or the name of a built-in one (`bench rigs` lists them). Not needed for
-    /// a log of PX4, ArduPilot or ROS 2, or a table that `bench export` wrote
+    /// a log of an autopilot or ROS 2, or a table that `bench export` wrote
     #[arg(long, value_name = "MAP")]
     map: Option<PathBuf>,
     /// Rig to attach, instead of the map's own: a file, or the name of a built-in one
@@ -57,6 +57,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if arguments.guess {
         return propose(arguments);
     }
+    let (map, report) = imported(arguments)?;
+    if arguments.json.json {
+        words::print_json(&report)?;
+    } else {
+        if arguments.map.is_none() && report.topics.is_some() {
+            words::print(&format!("map {map}: the first of the built-in ones that finds what it needs\n"))?;
+        }
+        words::print(&report.to_string())?;
+        if let Some(topics) = report.topics.as_ref().filter(|_| arguments.explain) {
+            words::print(&topics.explained())?;
+        }
+    }
+    Ok(Exit::Done)
+}
+
+/// Imports the log; gives the name of the map, and what became of the log.
+pub fn imported(arguments: &Arguments) -> anyhow::Result<(String, ImportReport)> {
     let output = arguments.output.as_deref().context("name the recording to write with -o")?;
     Outputs::new(arguments.force.force)
         .and(output, Form::Recording)
@@ -69,21 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let rig = arguments.rig.as_deref().or(map.rig.as_deref()).map(files::rig).transpose()?;
     files::make_folder(output)?;
     let report = import(&map, &arguments.log, output, rig.as_ref())?;
-    if arguments.json.json {
-        words::print_json(&report)?;
-    } else {
-        if arguments.map.is_none() && report.topics.is_some() {
-            words::print(&format!(
-                "map {}: the first of the built-in ones that finds what it needs\n",
-                map.name
-            ))?;
-        }
-        words::print(&report.to_string())?;
-        if let Some(topics) = report.topics.as_ref().filter(|_| arguments.explain) {
-            words::print(&topics.explained())?;
-        }
-    }
-    Ok(Exit::Done)
+    Ok((map.name, report))
 }
 
 /// Proposes a map, and says what could not be guessed.

@@ -19,7 +19,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
-    let info = Info::read(&arguments.recording)?;
+    let info = info(arguments)?;
     if arguments.json.json {
         words::print_json(&info)?;
     } else {
@@ -33,6 +33,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         info.path.display()
     ));
     Ok(Exit::DataLoss)
+}
+
+/// What the recording holds.
+pub fn info(arguments: &Arguments) -> anyhow::Result<Info> {
+    Ok(Info::read(&arguments.recording)?)
 }
 
 fn in_words(info: &Info) -> String {

@@ -72,6 +72,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     }
 }
 
+/// A rig drafted from logs, without words; `None` of what else is done with rigs.
+#[cfg(feature = "exchange")]
+pub fn drafted(arguments: &Arguments) -> Option<anyhow::Result<serde_json::Value>> {
+    match &arguments.command {
+        Some(Command::FromLog(arguments)) => {
+            Some(from_log::written(arguments).map(|draft| from_log::as_json(&draft, arguments)))
+        }
+        Some(Command::Copy(_)) | None => None,
+    }
+}
+
 /// A file of the library, by kind, with its name as it is listed and what it says of itself.
 fn entries() -> anyhow::Result<Vec<(Kind, String, PathBuf, String)>> {
     let mut entries = Vec::new();

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::Context;
+use anyhow::{Context, anyhow, bail};
 use bench_device::Clock as _;
 use bench_kinect::KinectError;
 use bench_plant::effects::parse_effect;
@@ -168,21 +168,54 @@ impl Planned {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    flown(arguments, &mut |flight, finished, took| tell(arguments, flight, finished, took))
+}
+
+/// The flight as a program reads it, without words.
+pub fn report(arguments: &Arguments) -> anyhow::Result<serde_json::Value> {
+    let mut report = serde_json::Value::Null;
+    let exit = flown(arguments, &mut |flight, finished, _| {
+        report = flight.as_json(SCHEMA, finished);
+        finished.as_ref().map(drop).map_err(|error| anyhow!(unrecorded(error)))
+    })?;
+    if exit == Exit::DataLoss {
+        bail!("the flight is recorded, but not all views were drawn");
+    }
+    Ok(report)
+}
+
+const SCHEMA: &str = "bench.sim/1";
+
+/// What is told of a flight and its recording, and how long it took.
+type Told<'a> =
+    dyn FnMut(&Flight<'_>, &Result<Finished, RecordingError>, Duration) -> anyhow::Result<()> + 'a;
+
+fn unrecorded(error: &RecordingError) -> String {
+    format!("the flight was simulated, but not all of it recorded: {error}")
+}
+
+/// Flies, and has `tell` say what came of it.
+fn flown(arguments: &Arguments, tell: &mut Told<'_>) -> anyhow::Result<Exit> {
     let planned = Planned::read(arguments)?;
     #[cfg(not(feature = "lab"))]
     arguments.station.refuse()?;
     #[cfg(feature = "lab")]
     if let Some(station) = arguments.station.open(arguments.output.as_deref())? {
-        return in_station(arguments, &planned, &station);
+        return in_station(arguments, &planned, &station, tell);
     }
     let output = arguments.output.clone().unwrap_or_else(|| default_recording(arguments, &planned));
     check_outputs(arguments, Some(&output))?;
-    fly(arguments, &planned, &output).map(|(exit, _)| exit)
+    fly(arguments, &planned, &output, tell).map(|(exit, _)| exit)
 }
 
 /// Flies under the name that the station's log gives the recording.
 #[cfg(feature = "lab")]
-fn in_station(arguments: &Arguments, planned: &Planned, station: &Station) -> anyhow::Result<Exit> {
+fn in_station(
+    arguments: &Arguments,
+    planned: &Planned,
+    station: &Station,
+    tell: &mut Told<'_>,
+) -> anyhow::Result<Exit> {
     // What is wrong with the command is told before anything is entered.
     check_outputs(arguments, None)?;
     let flight = Single {
@@ -194,7 +227,7 @@ fn in_station(arguments: &Arguments, planned: &Planned, station: &Station) -> an
         seed: arguments.seed,
         meta: &arguments.meta,
     };
-    station.fly(&flight, |recording| fly(arguments, planned, recording))
+    station.fly(&flight, |recording| fly(arguments, planned, recording, tell))
 }
 
 fn check_outputs(arguments: &Arguments, output: Option<&Path>) -> anyhow::Result<()> {
@@ -206,7 +239,12 @@ fn check_outputs(arguments: &Arguments, output: Option<&Path>) -> anyhow::Result
 }
 
 /// Flies and records to `output`; how it ended, also in a sentence.
-fn fly(arguments: &Arguments, planned: &Planned, output: &Path) -> anyhow::Result<(Exit, String)> {
+fn fly(
+    arguments: &Arguments,
+    planned: &Planned,
+    output: &Path,
+    tell: &mut Told<'_>,
+) -> anyhow::Result<(Exit, String)> {
     let Planned { nominal, rig, added, mission } = planned;
     let calibration = rig.calibration.as_ref().filter(|_| arguments.frames);
     let mut watch = Watch::new(arguments.views.as_deref(), arguments.views_every)?;
@@ -284,7 +322,7 @@ fn fly(arguments: &Arguments, planned: &Planned, output: &Path) -> anyhow::Resul
         checks: &checks,
         watch: arguments.frames.then_some(&watch),
     };
-    tell(arguments, &flight, &finished, took)?;
+    tell(&flight, &finished, took)?;
     let failed = watch.failed().or(recorded_views.as_ref().and_then(RecordedViews::failed));
     let exit = keep(arguments, output, &finished, failed)?.unwrap_or_else(|| flight.exit());
     if let Some(watched) = watched {
@@ -316,7 +354,7 @@ fn tell(
     took: Duration,
 ) -> anyhow::Result<()> {
     if arguments.json.json {
-        return words::print_json(&flight.as_json("bench.sim/1", finished));
+        return words::print_json(&flight.as_json(SCHEMA, finished));
     }
     let duration_s = flight.flown.summary.duration_s;
     let pace = if arguments.realtime {
@@ -337,7 +375,7 @@ fn keep(
     views: Option<&KinectError>,
 ) -> anyhow::Result<Option<Exit>> {
     if let Err(error) = finished {
-        words::fail(format_args!("the flight was simulated, but not all of it recorded: {error}"));
+        words::fail(unrecorded(error));
         return Ok(Some(Exit::DataLoss));
     }
     if let Some(error) = views {

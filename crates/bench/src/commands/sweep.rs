@@ -2,7 +2,9 @@ mod cluster;
 
 use std::{
     fmt::Write as _,
+    ops::ControlFlow,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
     time::Instant,
 };
 
@@ -17,6 +19,7 @@ use serde_json::json;
 
 use crate::{
     arguments::{Force, Json},
+    call,
     exit::Exit,
     files::{self, Form, Outputs},
     library,
@@ -193,7 +196,35 @@ fn begin(plan: &Path, output: Option<&Path>) -> anyhow::Result<Store> {
     }
 }
 
+/// What became of a plan, without words; `None` of what else a sweep's command does.
+pub fn ran(arguments: &Arguments) -> Option<anyhow::Result<serde_json::Value>> {
+    match &arguments.command {
+        Command::Run(arguments) => Some(done(arguments).map(|ran| ran.as_json())),
+        _ => None,
+    }
+}
+
+/// Runs of a plan that are done.
+struct Ran {
+    store: Store,
+    shard: Shard,
+    executed: Executed,
+    seconds: f64,
+    /// The table of all runs, where all were asked for.
+    results: Option<PathBuf>,
+}
+
 fn run_plan(arguments: &RunArguments) -> anyhow::Result<Exit> {
+    let ran = done(arguments)?;
+    if arguments.json.json {
+        words::print_json(&ran.as_json())?;
+    } else {
+        words::print(&ran.in_words())?;
+    }
+    Ok(Exit::Done)
+}
+
+fn done(arguments: &RunArguments) -> anyhow::Result<Ran> {
     let shard = arguments.shard.as_deref().map_or(Ok(Shard::WHOLE), str::parse)?;
     let store = begin(&arguments.plan, arguments.output.as_deref())?;
     let plan = store.plan();
@@ -208,16 +239,13 @@ fn run_plan(arguments: &RunArguments) -> anyhow::Result<Exit> {
             plan.file().name
         );
     }
+    // This thread knows of the call, those of a pool do not.
+    let stop = call::stop();
     let began = Instant::now();
-    let executed = with_jobs(arguments.jobs, || computed(&store, shard, keep))?;
+    let executed = with_jobs(arguments.jobs, || computed(&store, shard, keep, &stop))?;
     let seconds = began.elapsed().as_secs_f64();
     let results = if shard == Shard::WHOLE { Some(store.merge()?) } else { None };
-    if arguments.json.json {
-        words::print_json(&as_json(&store, shard, &executed, seconds, results.as_deref()))?;
-    } else {
-        words::print(&in_words(&store, shard, &executed, seconds, results.as_deref()))?;
-    }
-    Ok(Exit::Done)
+    Ok(Ran { store, shard, executed, seconds, results })
 }
 
 fn with_jobs<T: Send>(jobs: Option<u16>, work: impl FnOnce() -> T + Send) -> T {
@@ -229,19 +257,27 @@ fn with_jobs<T: Send>(jobs: Option<u16>, work: impl FnOnce() -> T + Send) -> T {
     }
 }
 
-fn computed(store: &Store, shard: Shard, keep: Keep) -> Result<Executed, bench_campaign::CampaignError> {
+fn computed(
+    store: &Store,
+    shard: Shard,
+    keep: Keep,
+    stop: &AtomicBool,
+) -> Result<Executed, bench_campaign::CampaignError> {
     let (_, done) = store.unfinished(shard);
     if done > 0 {
         progress::note(&format!("going on: {} done before", words::count(done, "run")));
     }
     let progress = Progress::of("sweep");
-    execute(store, shard, keep, &|step| match step {
-        Step::Begun { runs, done } => {
-            progress.begin("running", runs as f64, "runs");
-            progress.resume_at(done as f64);
-            progress.with_rate();
+    execute(store, shard, keep, &|step| {
+        match step {
+            Step::Begun { runs, done } => {
+                progress.begin("running", runs as f64, "runs");
+                progress.resume_at(done as f64);
+                progress.with_rate();
+            }
+            Step::Done(_) => progress.step(),
         }
-        Step::Done(_) => progress.step(),
+        if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
 }
 
@@ -249,69 +285,63 @@ fn outcomes(executed: &Executed) -> impl Iterator<Item = (Outcome, u64)> {
     Outcome::ALL.into_iter().zip(executed.outcomes).filter(|(_, count)| *count > 0)
 }
 
-fn in_words(
-    store: &Store,
-    shard: Shard,
-    executed: &Executed,
-    seconds: f64,
-    results: Option<&Path>,
-) -> String {
-    let now: u64 = executed.outcomes.iter().sum();
-    let share = if shard == Shard::WHOLE { String::new() } else { format!(" of shard {shard}") };
-    let mut out = format!(
-        "{}: {}{share} done, {} of them now",
-        store.plan().file().name,
-        words::count(executed.runs, "run"),
-        words::grouped(now)
-    );
-    // Writing to a String cannot fail, here and below.
-    if now > 0 {
-        let _ = write!(out, " in {seconds:.1} s ({:.0} a second)", now as f64 / seconds.max(1e-9));
-    }
-    out.push('\n');
-    for (outcome, count) in outcomes(executed) {
-        let tone = match outcome {
-            Outcome::Passed => Tone::Good,
-            Outcome::Missed | Outcome::Stopped | Outcome::Error => Tone::Bad,
-            Outcome::Diagnosed => Tone::Plain,
-        };
-        let _ = writeln!(out, "  {:<10} {}", words::toned(tone, outcome.name()), words::grouped(count));
-    }
-    let folder = words::quoted(&store.folder().display().to_string());
-    let _ = match results {
-        Some(results) => {
-            writeln!(out, "results in {}; `bench sweep report {folder}` draws them", results.display())
+impl Ran {
+    fn in_words(&self) -> String {
+        let Self { store, shard, executed, seconds, results } = self;
+        let now: u64 = executed.outcomes.iter().sum();
+        let share = if *shard == Shard::WHOLE { String::new() } else { format!(" of shard {shard}") };
+        let mut out = format!(
+            "{}: {}{share} done, {} of them now",
+            store.plan().file().name,
+            words::count(executed.runs, "run"),
+            words::grouped(now)
+        );
+        // Writing to a String cannot fail, here and below.
+        if now > 0 {
+            let _ = write!(out, " in {seconds:.1} s ({:.0} a second)", now as f64 / seconds.max(1e-9));
         }
-        None => writeln!(out, "parts in {folder}; when all shards are done, `bench sweep merge {folder}`"),
-    };
-    out
-}
+        out.push('\n');
+        for (outcome, count) in outcomes(executed) {
+            let tone = match outcome {
+                Outcome::Passed => Tone::Good,
+                Outcome::Missed | Outcome::Stopped | Outcome::Error => Tone::Bad,
+                Outcome::Diagnosed => Tone::Plain,
+            };
+            let _ = writeln!(out, "  {:<10} {}", words::toned(tone, outcome.name()), words::grouped(count));
+        }
+        let folder = words::quoted(&store.folder().display().to_string());
+        let _ = match results {
+            Some(results) => {
+                writeln!(out, "results in {}; `bench sweep report {folder}` draws them", results.display())
+            }
+            None => {
+                writeln!(out, "parts in {folder}; when all shards are done, `bench sweep merge {folder}`")
+            }
+        };
+        out
+    }
 
-fn as_json(
-    store: &Store,
-    shard: Shard,
-    executed: &Executed,
-    seconds: f64,
-    results: Option<&Path>,
-) -> serde_json::Value {
-    let counts: serde_json::Map<_, _> = Outcome::ALL
-        .into_iter()
-        .zip(executed.outcomes)
-        .map(|(outcome, count)| (outcome.name().to_owned(), json!(count)))
-        .collect();
-    json!({
-        "schema": "bench.sweep/1",
-        "name": store.plan().file().name,
-        "id": store.plan().id(),
-        "folder": store.folder(),
-        "shard": shard.to_string(),
-        "runs": executed.runs,
-        "before": executed.before,
-        "outcomes": counts,
-        "seconds": seconds,
-        "busy_s": executed.busy.as_secs_f64(),
-        "results": results,
-    })
+    fn as_json(&self) -> serde_json::Value {
+        let Self { store, shard, executed, seconds, results } = self;
+        let counts: serde_json::Map<_, _> = Outcome::ALL
+            .into_iter()
+            .zip(executed.outcomes)
+            .map(|(outcome, count)| (outcome.name().to_owned(), json!(count)))
+            .collect();
+        json!({
+            "schema": "bench.sweep/1",
+            "name": store.plan().file().name,
+            "id": store.plan().id(),
+            "folder": store.folder(),
+            "shard": shard.to_string(),
+            "runs": executed.runs,
+            "before": executed.before,
+            "outcomes": counts,
+            "seconds": seconds,
+            "busy_s": executed.busy.as_secs_f64(),
+            "results": results,
+        })
+    }
 }
 
 fn list(arguments: &ListArguments) -> anyhow::Result<Exit> {

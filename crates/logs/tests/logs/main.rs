@@ -7,6 +7,8 @@ use std::{fs, ops::ControlFlow};
 use bench_logs::{Cell, Format, LogError, Losses, Sample, Survey, Topic, Visitor, scan};
 use proptest::prelude::*;
 
+mod blackbox;
+mod crazyflie;
 mod dataflash;
 mod mcap;
 mod parquet;

@@ -1,4 +1,4 @@
-//! The formats' own Python packages see the same in a log, field by field: `pyulog`, `pymavlink`, `rosbags`.
+//! The formats' own Python packages see the same in a log, field by field: `pyulog`, `pymavlink`, `orangebox`, `rosbags`.
 
 use std::{collections::BTreeSet, env, fs, path::Path, process::Command};
 
@@ -6,13 +6,13 @@ use bench_logs::Format;
 use serde_json::Value;
 
 use crate::{
-    Read, dataflash, read, ulog,
+    Read, blackbox, dataflash, read, ulog,
     writers::{Ulog, floats},
 };
 
 fn reference(arguments: &[&str]) -> Value {
-    let python =
-        env::var_os("BENCH_PYTHON").expect("BENCH_PYTHON names a Python with pyulog, pymavlink and rosbags");
+    let python = env::var_os("BENCH_PYTHON")
+        .expect("BENCH_PYTHON names a Python with pyulog, pymavlink, orangebox and rosbags");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python_logs.py");
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -142,6 +142,18 @@ fn python_reads_the_same_of_a_dataflash_log() {
         holds(&ours, &theirs);
         assert_eq!(theirs["parameters"]["MOT_THST_HOVER"], 0.25);
     }
+}
+
+#[test]
+#[ignore = "needs BENCH_PYTHON; tests/run sets it up"]
+fn python_reads_the_same_of_a_blackbox_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("log.bbl");
+    let bytes = blackbox::frames(300).bytes();
+    fs::write(&file, &bytes).unwrap();
+    let ours = read(Format::Blackbox, &bytes).unwrap();
+    assert_eq!(ours.samples.len(), 330);
+    holds(&ours, &reference(&["blackbox", file.to_str().unwrap()]));
 }
 
 #[test]

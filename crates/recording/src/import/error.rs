@@ -65,8 +65,8 @@ pub enum ImportError {
     },
     /// A log of topics has no altitude that a map finds.
     #[error(
-        "{} has no altitude that {} looks for: of {} there is none. {}. Without an altitude there is no flight; a map of your own may \
-         name another topic (docs/import.md)",
+        "{} has no altitude that {} looks for: of {} there is none. {}. Without an altitude there is no flight; {instead}a map of your own \
+         may name another topic (docs/import.md)",
         path.display(), maps.join(" or "), missing.join(", "),
         if topics.is_empty() { "It has no topics at all".to_owned() } else { format!("Its topics are {}", topics.join(", ")) }
     )]
@@ -79,6 +79,8 @@ pub enum ImportError {
         missing: Vec<String>,
         /// What the log has.
         topics: Vec<String>,
+        /// What else can be done with logs of this format, in words that another sentence follows; or nothing.
+        instead: &'static str,
     },
     /// A table whose columns tell no flight.
     #[error(

@@ -112,6 +112,7 @@ fn fit(map: &ImportMap, format: Format, log: &Path) -> Result<(ImportMap, Topics
             maps: vec![map.name],
             topics: topics::words(&survey, &missing),
             missing,
+            instead: instead(format),
         });
     }
     let used = map.used_names();
@@ -144,8 +145,24 @@ pub fn choose(maps: &[ImportMap], format: Format, log: &Path) -> Result<usize, I
             maps: for_it().map(|map| map.name.clone()).collect(),
             topics: topics::words(&survey, &missing),
             missing,
+            instead: instead(format),
         }
     })
+}
+
+/// What can be done without an altitude in a log of a format.
+const fn instead(format: Format) -> &'static str {
+    match format {
+        Format::Blackbox => {
+            "the craft needs a barometer that is switched on and logged (Betaflight), or an estimate of its position (INAV). Throttle, \
+             battery and motors are there all the same: where motion capture saw the flight, `blackbox_decode` makes a table of them that \
+             can be joined with its positions, and imported. Or "
+        }
+        Format::Crazyflie => {
+            "log stateEstimate.z and stabilizer.thrust together, in one block of the client. Or "
+        }
+        _ => "",
+    }
 }
 
 /// Says whether the rig that a map names can be read and suits it. A map that names none suits any.

@@ -23,8 +23,13 @@ pub(super) const PERIOD: Range = Range::closed(1e-6, 3600.0);
 pub(super) const LATENCY: Range = Range::closed(0.0, 10.0);
 pub(super) const DELIMITERS: [(&str, u8); 3] = [(",", b','), (";", b';'), ("\t", b'\t')];
 /// Logs of topics.
-pub(super) const LOGS: [(&str, Option<Format>); 3] =
-    [("ulog", Some(Format::Ulog)), ("dataflash", Some(Format::Dataflash)), ("mcap", Some(Format::Mcap))];
+pub(super) const LOGS: [(&str, Option<Format>); 5] = [
+    ("ulog", Some(Format::Ulog)),
+    ("dataflash", Some(Format::Dataflash)),
+    ("mcap", Some(Format::Mcap)),
+    ("blackbox", Some(Format::Blackbox)),
+    ("crazyflie", Some(Format::Crazyflie)),
+];
 /// Whether only changes are kept.
 pub(super) const KEEP: [(&str, bool); 2] = [("all", false), ("changes", true)];
 /// Whether an empty cell only means that there is no message.

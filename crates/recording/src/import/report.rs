@@ -203,6 +203,12 @@ impl TopicsReport {
         Self { format: format.words(), used, missing, unused, has_throttle, losses, wild_stamps: 0 }
     }
 
+    /// Flights behind the first in a memory that holds several.
+    fn more_flights(&self) -> usize {
+        let is_blackbox = self.format == Format::Blackbox.words();
+        self.unused.iter().filter(|unused| is_blackbox && unused.topic.starts_with("main[")).count()
+    }
+
     /// What was lost, in words.
     pub fn lost(&self) -> Vec<String> {
         let losses = Losses::from(self.losses);
@@ -304,6 +310,13 @@ impl fmt::Display for ImportReport {
         }
         for line in self.topics.iter().flat_map(TopicsReport::lost) {
             writeln!(f, "{line}")?;
+        }
+        match self.topics.as_ref().map_or(0, TopicsReport::more_flights) {
+            0 => {}
+            more => writeln!(
+                f,
+                "{more} more in the file, of which nothing was taken: a copy of the map may name main[1] in place of main, and so on"
+            )?,
         }
         if self.topics.as_ref().is_some_and(|topics| !topics.has_throttle) {
             writeln!(f, "no throttle in the log: the flight can be viewed and compared, not diagnosed")?;

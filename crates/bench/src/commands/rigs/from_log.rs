@@ -58,6 +58,33 @@ fn mass(text: &str) -> Result<f64, String> {
 const MASS: [&str; 2] = ["VM_MASS", "SIH_MASS"];
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    let draft = written(arguments)?;
+    if arguments.json.json {
+        words::print_json(&as_json(&draft, arguments))?;
+    } else {
+        let count = words::count(arguments.logs.len() as u64, "flight");
+        words::print(&in_words(&draft, &arguments.output, &count))?;
+    }
+    Ok(Exit::Done)
+}
+
+/// The draft as a program reads it.
+pub fn as_json(draft: &Draft, arguments: &Arguments) -> serde_json::Value {
+    let numbers: Vec<_> = draft
+        .numbers()
+        .into_iter()
+        .map(|(note, value)| json!({ "key": note.key, "value": value, "from": note.from, "words": note.words }))
+        .collect();
+    json!({
+        "schema": "bench.rig-draft/1",
+        "rig": arguments.output.display().to_string(),
+        "flights": arguments.logs.len(),
+        "numbers": numbers,
+    })
+}
+
+/// Drafts the rig and writes it.
+pub fn written(arguments: &Arguments) -> anyhow::Result<Draft> {
     Outputs::new(arguments.force.force)
         .and(arguments.output.as_path(), Form::Toml)
         .from(arguments.logs.iter().map(PathBuf::as_path).chain(arguments.map.as_deref()))
@@ -77,22 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let text = draft.to_toml(&head);
     Rig::read(&arguments.output, &text).context("what was found makes no rig; nothing written")?;
     files::write(&arguments.output, &text)?;
-    if arguments.json.json {
-        let numbers: Vec<_> = draft
-            .numbers()
-            .into_iter()
-            .map(|(note, value)| json!({ "key": note.key, "value": value, "from": note.from, "words": note.words }))
-            .collect();
-        words::print_json(&json!({
-            "schema": "bench.rig-draft/1",
-            "rig": arguments.output.display().to_string(),
-            "flights": arguments.logs.len(),
-            "numbers": numbers,
-        }))?;
-    } else {
-        words::print(&in_words(&draft, &arguments.output, &count))?;
-    }
-    Ok(Exit::Done)
+    Ok(draft)
 }
 
 /// A rig drafted from what was flown, under the name of the file that it goes to.
