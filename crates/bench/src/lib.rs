@@ -14,7 +14,7 @@ mod balance;
 #[cfg(feature = "studies")]
 mod blind_answer;
 mod calibration;
-#[cfg(all(feature = "exchange", feature = "lab", feature = "studies"))]
+#[cfg(feature = "studies")]
 mod call;
 mod commands;
 mod diagnosis;
@@ -51,7 +51,7 @@ mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-#[cfg(all(feature = "exchange", feature = "lab", feature = "studies"))]
+#[cfg(feature = "studies")]
 pub use crate::call::call;
 use crate::exit::Exit;
 pub use crate::words::causes as in_words;

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use anyhow::Context;
 use bench_diagnosis::{Calibration, Fold, held_out};
 use bench_filter::Track;
-use bench_identification::{Block, FlightIdentification, LEAST_FLIGHTS, NominalLaw, identify_nominal};
+use bench_identification::{
+    Block, FlightIdentification, LEAST_FLIGHTS, NominalLaw, identify_flights, identify_nominal,
+};
 use bench_inference::Problem;
 use bench_rig::Rig;
 use serde::Serialize;
@@ -17,6 +19,8 @@ use crate::{commands::tracks::Selection, diagnosis::told, progress::Progress, wo
 pub struct NominalModel {
     #[serde(flatten)]
     pub found: FlightIdentification,
+    /// Time between measurements that count, s: before and after.
+    pub frame_period_s: [f64; 2],
     /// Nominal flights held against the model of the others; empty where there are too few.
     pub control: Vec<Fold>,
 }
@@ -41,10 +45,16 @@ impl NominalModel {
         prior: &Rig,
         progress: &Progress,
     ) -> anyhow::Result<Self> {
-        let (tracks, unused) = selection.tracks(flights, prior, |_, _| ())?;
+        let mut prior = prior.clone();
+        let frame_period_s = prior.tracker.frame_period_s;
+        let (mut tracks, unused) = selection.tracks(flights, &prior, |_, _| ())?;
+        if let Some(period_s) = white_period_s(flights, &tracks, selection, &prior, progress)? {
+            prior.tracker.frame_period_s = period_s;
+            tracks = selection.tracks(flights, &prior, |_, _| ())?.0;
+        }
         let count = words::count(tracks.len() as u64, "flight");
         progress.begin_untold(&format!("fitting the rig and its laws to {count}"));
-        let mut found = identify_nominal(&tracks, prior).with_context(|| match unused.as_slice() {
+        let mut found = identify_nominal(&tracks, &prior).with_context(|| match unused.as_slice() {
             [] => "no model of the nominal flights".to_owned(),
             unused => format!("no model of the nominal flights; not used:\n{}", unused.join("\n")),
         })?;
@@ -65,7 +75,8 @@ impl NominalModel {
             }
         }
         found.rig.held_out = held_out(&control);
-        Ok(Self { found, control })
+        let frame_period_s = [frame_period_s, prior.tracker.frame_period_s];
+        Ok(Self { found, frame_period_s, control })
     }
 
     /// Whether most nominal flights that were left out show nothing, as they should; also where none could be left out.
@@ -79,6 +90,39 @@ impl NominalModel {
         let flights = self.found.flights.into_iter().map(|(name, _)| name).collect();
         ModelTold { flights, laws: self.found.laws, control: self.control }
     }
+}
+
+/// Errors of measurements that are further apart are no matter of the tracker, s.
+const LONGEST_PERIOD_S: f64 = 1.0;
+
+/// How far apart the rows of a log must be for their errors not to follow one another: twice as far again until the innovations are white.
+/// `None` where the rows are the tracker's own frames, and where they are never white.
+fn white_period_s(
+    flights: &[PathBuf],
+    tracks: &[Track],
+    selection: &Selection,
+    prior: &Rig,
+    progress: &Progress,
+) -> anyhow::Result<Option<f64>> {
+    let Some(rows_s) = tracks.iter().filter_map(|track| track.dense_s).reduce(f64::max) else {
+        return Ok(None);
+    };
+    let mut rig = prior.clone();
+    let periods_s =
+        (0..).map(|k| rows_s * f64::from(1 << k)).take_while(|period_s| *period_s <= LONGEST_PERIOD_S);
+    for period_s in periods_s {
+        progress.begin_untold(&format!(
+            "measurements {} s apart: are their errors their own?",
+            words::short(period_s)
+        ));
+        rig.tracker.frame_period_s = period_s;
+        let (tracks, _) = selection.tracks(flights, &rig, |_, _| ())?;
+        // What is wrong with the flights is told by the identification that follows.
+        if identify_flights(&tracks, &rig).is_ok_and(|found| found.is_white()) {
+            return Ok(Some(period_s));
+        }
+    }
+    Ok(None)
 }
 
 /// File names without folders.

@@ -47,6 +47,8 @@ pub struct Track {
     pub measurements: Vec<Measurement>,
     /// When the throttle first exceeds where thrust begins, s.
     pub begin_s: f64,
+    /// Time between the log's rows, s, where they come faster than the rig's frames: of those, measurements are only so far apart as frames.
+    pub dense_s: Option<f64>,
     /// Whether the airframe was first seen in the air: the log begins there, or its altitude does.
     pub begins_aloft: bool,
     /// When it last does, s.
@@ -210,6 +212,7 @@ impl Track {
             name: flight_name(),
             begin_s,
             begins_aloft,
+            dense_s: dense,
             end_s,
             inputs,
             measurements,

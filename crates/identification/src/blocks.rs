@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use bench_filter::{Point, RigNumber, Track};
+use bench_filter::{PerNumber, Point, RigNumber, Track};
 use bench_rig::Rig;
 
 use crate::flight::{FlightIdentification, identify_flights};
@@ -26,11 +26,17 @@ pub struct Block {
     pub rig: Rig,
 }
 
-/// Leaves flights out block by block, and widens the tolerances of the model and of its blocks by how the blocks differ.
-pub fn hold_out(tracks: &[Track], prior: &Rig, found: &mut FlightIdentification) {
+/// Leaves flights out block by block, and widens the tolerances of the model and of its blocks to at least the standard errors beside the
+/// model's laws, and to how the blocks differ.
+pub fn hold_out(
+    tracks: &[Track],
+    prior: &Rig,
+    beside_laws: &PerNumber<f64>,
+    found: &mut FlightIdentification,
+) {
     let flights = tracks.len();
     let blocks = match flights {
-        ..LEAST_FLIGHTS => return,
+        ..LEAST_FLIGHTS => 0,
         LEAST_FLIGHTS => LEAST_FLIGHTS,
         _ => BLOCKS,
     };
@@ -51,27 +57,29 @@ pub fn hold_out(tracks: &[Track], prior: &Rig, found: &mut FlightIdentification)
     }
     let rigs: Vec<Rig> = found.blocks.iter().map(|block| block.rig.clone()).collect();
     for number in RigNumber::ALL {
-        let Some(sigma) = between_blocks(&rigs, number) else { continue };
+        let between = between_blocks(&rigs, number);
+        let sigma = between.max(beside_laws[number]);
         widen(&mut found.rig, number, sigma);
         found.blocks.iter_mut().for_each(|block| widen(&mut block.rig, number, sigma));
         let name = Point::names(&found.rig)[number];
         if let Some(told) = found.numbers.iter_mut().find(|told| told.name == name) {
-            told.between_flights = told.between_flights.max(sigma);
+            told.between_flights = told.between_flights.max(between);
             told.after.1 = Point::nominal(&found.rig).1[number];
         }
     }
 }
 
 /// One sigma of a number between blocks: without a block of `k`, the mean of all moves by a `k - 1`th of what the block is off it.
-fn between_blocks(without: &[Rig], number: RigNumber) -> Option<f64> {
+/// 0 of less than two.
+fn between_blocks(without: &[Rig], number: RigNumber) -> f64 {
     let values: Vec<f64> = without.iter().map(|rig| Point::nominal(rig).0.nuisances[number]).collect();
     let n = values.len() as f64;
     if values.len() < 2 {
-        return None;
+        return 0.0;
     }
     let mean = values.iter().sum::<f64>() / n;
     let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    Some((n - 1.0) * variance.sqrt())
+    (n - 1.0) * variance.sqrt()
 }
 
 /// Widens the tolerance of a number that has one.

@@ -1,6 +1,6 @@
 //! The nominal numbers from nominal flights.
 
-use bench_filter::{Coordinate, Noise, PerNumber, Point, RigNumber, Track, innovations};
+use bench_filter::{Coordinate, Noise, PerNumber, Point, Prediction, RigNumber, Track, innovations};
 use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
 use serde::Serialize;
@@ -49,6 +49,8 @@ pub struct FlightIdentification {
     pub noise_spread_ln: f64,
     /// Mean of squared innovations over their variance; 1 for a right model.
     pub mean_nis: f64,
+    /// Correlation of neighbouring innovations, normalised; 0 for a right model.
+    pub autocorrelation: f64,
     /// The flights with the measurements that were held against a prediction.
     pub flights: Vec<(String, usize)>,
     /// What could not be used, or should be known.
@@ -60,6 +62,14 @@ pub struct FlightIdentification {
     /// where that was not asked for.
     #[serde(skip)]
     pub blocks: Vec<Block>,
+}
+
+impl FlightIdentification {
+    /// Whether neighbouring innovations are uncorrelated: within two standard deviations of what white ones show (Bartlett).
+    pub fn is_white(&self) -> bool {
+        let measurements: usize = self.flights.iter().map(|(_, measurements)| measurements).sum();
+        self.autocorrelation.abs() < 2.0 / (measurements.max(1) as f64).sqrt()
+    }
 }
 
 /// One of the rig's numbers, before and after.
@@ -174,6 +184,19 @@ fn settle(tracks: &mut [Track], prior: &mut Rig) -> Noise {
         }
     }
     pooled_noise
+}
+
+/// Correlation of neighbouring innovations, each over its standard deviation and less its flight's mean; 0 of none.
+fn autocorrelation(predicted: &[Prediction]) -> f64 {
+    let (mut together, mut alone) = (0.0, 0.0);
+    for flight in predicted {
+        let normed: Vec<f64> =
+            flight.innovations.iter().map(|i| i.residual_m / i.variance_m2.sqrt()).collect();
+        let mean = normed.iter().sum::<f64>() / normed.len().max(1) as f64;
+        together += normed.windows(2).map(|pair| (pair[0] - mean) * (pair[1] - mean)).sum::<f64>();
+        alone += normed.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+    }
+    if alone > 0.0 { together / alone } else { 0.0 }
 }
 
 /// How well the flights tell each of the nuisances.
@@ -306,6 +329,7 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
         nis += innovation.residual_m.powi(2) / innovation.variance_m2;
         count += 1;
     }
+    let autocorrelation = autocorrelation(&predicted);
     let flights = problem.tracks.iter().map(|track| (track.name.clone(), track.counted())).collect();
     FlightIdentification {
         schema: "bench.identification/1",
@@ -321,6 +345,7 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
         trim_walk_m_s2_per_root_s: noise.trim_walk,
         noise_spread_ln: out.disturbance.noise_spread_ln.unwrap_or_default(),
         mean_nis: nis / count.max(1) as f64,
+        autocorrelation,
         flights,
         warnings: Vec::new(),
         rig: out,

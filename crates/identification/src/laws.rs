@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use bench_filter::{Point, Track, added, nll};
+use bench_filter::{Coordinate, PerNumber, Point, Track, added, nll};
 use bench_inference::{Fit, Problem, with_one_law_more};
 use bench_rig::Rig;
 use rayon::prelude::*;
@@ -43,6 +43,7 @@ pub fn identify_nominal(tracks: &[Track], rig: &Rig) -> Result<FlightIdentificat
     let mut found = identify_flights(tracks, rig)?;
     let mut laws: Vec<NominalLaw> = Vec::new();
     let mut model = None;
+    let mut beside_laws = PerNumber::default();
     while laws.len() < MOST_LAWS {
         let Some((fit, held_out_gain)) = one_law_more(tracks, rig, &found, model.take()) else { break };
         let listed = fit.as_listed();
@@ -61,12 +62,24 @@ pub fn identify_nominal(tracks: &[Track], rig: &Rig) -> Result<FlightIdentificat
                 held_out_gain,
             })
             .collect();
+        beside_laws = standard_errors(&fit);
         model = Some(fit.point);
     }
     let mut prior = rig.clone();
     prior.effects.clone_from(&found.rig.effects);
-    hold_out(tracks, &prior, &mut found);
+    hold_out(tracks, &prior, &beside_laws, &mut found);
     Ok(FlightIdentification { laws, ..found })
+}
+
+/// One sigma of each number, the laws' parameters being as uncertain as they are: in the rig they are exact.
+fn standard_errors(fit: &Fit) -> PerNumber<f64> {
+    let mut errors = PerNumber::default();
+    for (i, free) in fit.free.iter().enumerate() {
+        if let Coordinate::Nuisance(number) = free.at {
+            errors[number] = fit.covariance[(i, i)].max(0.0).sqrt();
+        }
+    }
+    errors
 }
 
 /// The law that gains the most on flights left out of the fit beside those of a model, all fitted together, and what it gains; `None`

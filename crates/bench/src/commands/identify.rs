@@ -239,7 +239,11 @@ fn identified(arguments: &FlightArguments) -> anyhow::Result<(NominalModel, bool
 }
 
 /// How the rig was made.
-fn head(NominalModel { found, control }: &NominalModel, arguments: &FlightArguments, prior: &str) -> String {
+fn head(
+    NominalModel { found, control, .. }: &NominalModel,
+    arguments: &FlightArguments,
+    prior: &str,
+) -> String {
     let mut out = format!(
         "identified by `bench identify flight{}` from {},\n# with {prior} as prior. A sigma covers the spread between flights.",
         arguments.selection.options(),
@@ -257,7 +261,8 @@ fn head(NominalModel { found, control }: &NominalModel, arguments: &FlightArgume
     out
 }
 
-fn in_words(NominalModel { found, control }: &NominalModel, arguments: &FlightArguments) -> String {
+fn in_words(model: &NominalModel, arguments: &FlightArguments) -> String {
+    let NominalModel { found, frame_period_s, control } = model;
     let mut out = String::new();
     let sightings: usize = found.flights.iter().map(|(_, n)| n).sum();
     let _ = writeln!(
@@ -283,6 +288,15 @@ fn in_words(NominalModel { found, control }: &NominalModel, arguments: &FlightAr
     }
     let [before, after] = found.tracker_noise_m;
     let _ = writeln!(out, "\n  tracker noise {} m, was {} m", short(after), short(before));
+    let [before, after] = frame_period_s;
+    if before != after {
+        let _ = writeln!(
+            out,
+            "  measurements count {} s apart, was {} s: the errors of nearer ones follow one another",
+            short(*after),
+            short(*before)
+        );
+    }
     let _ = writeln!(
         out,
         "  what acts besides: {} m/s^2 per root Hz at random and {} m/s^2 for {} s at a time; {} m/s^2 from flight to flight, {} m/s^2 in a minute",
