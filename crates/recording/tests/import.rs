@@ -715,9 +715,11 @@ struct Expected {
     battery_v: Option<[f64; 2]>,
     /// Median time between rows, s.
     period_s: f64,
+    /// Place of the altitude in a row, where it is NaN in some.
+    some_altitudes: Option<usize>,
 }
 
-const PUBLISHED: [(&str, Expected); 3] = [
+const PUBLISHED: [(&str, Expected); 4] = [
     (
         "foreign",
         Expected {
@@ -726,6 +728,7 @@ const PUBLISHED: [(&str, Expected); 3] = [
             command: [0.0, 3.3],
             battery_v: None,
             period_s: 0.102,
+            some_altitudes: None,
         },
     ),
     (
@@ -736,6 +739,7 @@ const PUBLISHED: [(&str, Expected); 3] = [
             command: [0.0, 65_535.0],
             battery_v: Some([3.0, 4.25]),
             period_s: 0.01,
+            some_altitudes: None,
         },
     ),
     (
@@ -746,6 +750,18 @@ const PUBLISHED: [(&str, Expected); 3] = [
             command: [0.0, 65_535.0],
             battery_v: Some([2.8, 4.2]),
             period_s: 0.0099,
+            some_altitudes: None,
+        },
+    ),
+    (
+        "real/bzzz",
+        Expected {
+            map: "bzzz.toml",
+            altitude_m: [0.5, 1.8],
+            command: [0.0, 0.5],
+            battery_v: None,
+            period_s: 0.0223,
+            some_altitudes: Some(1),
         },
     ),
 ];
@@ -784,13 +800,18 @@ fn csv_files(folder: &Path) -> Vec<PathBuf> {
 
 fn check(report: &ImportReport, flight: &Flight, expected: &Expected, log: &Path) {
     let log = log.display();
-    let lines = fs::read_to_string(&report.log).unwrap().lines().count() as u64;
-    assert_eq!(report.rows, lines - 1, "{log}");
+    let text = fs::read_to_string(&report.log).unwrap();
+    assert_eq!(report.rows, text.lines().count() as u64 - 1, "{log}");
+    let is_absent =
+        |line: &&str| expected.some_altitudes.is_some_and(|place| line.split(',').nth(place) == Some("nan"));
+    let absent = text.lines().filter(is_absent).count() as u64;
+    assert_eq!(expected.some_altitudes.is_some(), absent > 0, "{log}");
     assert_eq!(report.rows, report.used + report.filtered + report.skipped_rows(), "{log}");
     // These logs are whole; the bad rows that others of the set have are not among them.
     assert_eq!(report.skipped, [], "{log}");
     assert_eq!(flight.commands.len() as u64, report.used, "{log}");
-    assert_eq!(flight.positions.len() as u64, report.used - report.positions_before_origin, "{log}");
+    let positions = report.used - report.positions_before_origin - absent;
+    assert_eq!(flight.positions.len() as u64, positions, "{log}");
 
     let within = |[low, high]: [f64; 2], value: f64, what: &str| {
         // NaN lies in no range.
