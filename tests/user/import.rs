@@ -172,6 +172,71 @@ fn a_map_guessed_of_a_log_of_the_crazyflie_client_reads_it() {
 }
 
 #[test]
+fn a_map_guessed_of_a_table_with_dates_and_times_reads_it() {
+    let scratch = Scratch::new();
+    let mut text = String::from("datetime,z,z_ref,z_hat,tau\n");
+    for k in 0..100 {
+        let [z, z_ref] = if k < 20 { ["nan", "nan"] } else { ["0.5", "0.6"] };
+        writeln!(
+            text,
+            "2024-04-15 14:43:{:02}.{:06},{z},{z_ref},0.5,{}",
+            k / 10,
+            k % 10 * 100_000,
+            f64::from(k) / 200.0
+        )
+        .unwrap();
+    }
+    let (table, map, out) = (scratch.name("log.csv"), scratch.name("map.toml"), scratch.name("log.mcap"));
+    fs::write(&table, &text).unwrap();
+    bench(["import", "--guess", &table, "-o", &map]).assert().success();
+    let report = json(&bench(["import", "--map", &map, &table, "-o", &out, "--json"]).assert().success());
+    assert_eq!((&report["used"], &report["skipped"]), (&100.into(), &serde_json::json!([])), "{report}");
+    assert!((report["duration_s"].as_f64().unwrap() - 9.9).abs() < 1e-9, "{report}");
+    let flight = bench_recording::Flight::load(&out).unwrap();
+    assert_eq!((flight.positions.len(), flight.commands.len()), (80, 100));
+    // The phase is told where there is no set-point, too.
+    assert_eq!(flight.states[0].phase.name(), "idle");
+    assert_eq!(ranges(&report, "control.setpoint_z"), (0.6, 0.6, "m".to_owned()));
+}
+
+#[test]
+fn a_parquet_table_without_an_optional_column_is_read_by_the_same_map() {
+    let scratch = Scratch::new();
+    let flown = scratch.fly("flown.mcap", &["--mission", "hop"]);
+    let (table, map, out) =
+        (scratch.name("flown.parquet"), scratch.name("map.toml"), scratch.name("log.mcap"));
+    bench(["export", &flown, "-o", &table]).assert().success();
+    let text = "name = \"mine\"
+        [time]
+        column = \"time_s\"
+        unit = \"s\"
+        [position]
+        latency_s = 0.0
+        x = { column = \"across\", unit = \"m\", optional = true }
+        z = { column = \"position_z_m\", unit = \"m\" }
+        empty = \"absent\"
+        [battery]
+        voltage = { column = \"battery\", unit = \"V\", optional = true }
+        [control]
+        phase = \"hold\"
+        setpoint_z = { column = \"setpoint_z_m\", unit = \"m\" }";
+    fs::write(&map, text).unwrap();
+    let words = bench(["import", "--map", &map, &table, "-o", &out, "--explain"]).assert().success();
+    let words = String::from_utf8(words.get_output().stdout.clone()).unwrap();
+    assert!(words.contains("not in the log, and optional: across, battery"), "{words}");
+    assert!(
+        words.contains("named by the map, not in the log:\n  across\n  battery\n")
+            && words.contains("in the log, not used:\n  phase\n"),
+        "{words}"
+    );
+    let flight = bench_recording::Flight::load(&out).unwrap();
+    assert!(flight.positions.len() > 20 && flight.battery.is_empty());
+    let report =
+        json(&bench(["import", "--map", &map, &table, "-o", &out, "--force", "--json"]).assert().success());
+    assert_eq!(report["columns"]["missing"], serde_json::json!(["across", "battery"]));
+}
+
+#[test]
 fn what_cannot_be_guessed_is_said() {
     let scratch = Scratch::new();
     let guess = |text: &str| {
@@ -194,8 +259,9 @@ fn what_cannot_be_guessed_is_said() {
     for (text, says) in [
         ("a,b\n1,2\n3,4\n", "no column is an altitude"),
         ("t,b\n1,2\n2,4\n", "no column is an altitude"),
-        ("datetime,z\n2024-04-12 19:25:47,1\n2024-04-12 19:25:48,2\n", "write it as seconds"),
+        ("time,z\n19:25:47,1\n19:25:48,2\n", "no dates and times by ISO 8601"),
         ("t,z\n5,1\n4,2\n3,1\n", "rises from row to row"),
+        ("0.0,1\n0.1,2\n", "header = false"),
         ("", "is empty"),
         ("{\"a\": 1}", "a JSON text"),
     ] {

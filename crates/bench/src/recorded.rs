@@ -399,6 +399,7 @@ fn collect(key: &str, node: &Node, leaves: &mut Vec<Leaf>) {
         }
         Value::Number(x) => leaves.push((key.to_owned(), x.to_string(), Some((*x, 0.0)))),
         Value::Text(text) => leaves.push((key.to_owned(), text.clone(), None)),
+        Value::Flag(flag) => leaves.push((key.to_owned(), flag.to_string(), None)),
         Value::Other(what) => leaves.push((key.to_owned(), (*what).to_owned(), None)),
     }
 }

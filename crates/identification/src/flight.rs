@@ -3,6 +3,7 @@
 use bench_filter::{Coordinate, Noise, PerNumber, Point, Prediction, RigNumber, Track, innovations};
 use bench_inference::{Fit, Problem};
 use bench_rig::{GRAVITY_M_S2, Rig, Uncertain};
+use bench_statistics::mean;
 use serde::Serialize;
 
 use crate::{
@@ -323,13 +324,7 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
             identified: told.identified[i],
         })
         .collect();
-    let (mut nis, mut count) = (0.0, 0_usize);
     let predicted = problem.predict(&fit.point, noise);
-    for innovation in innovations(&predicted) {
-        nis += innovation.residual_m.powi(2) / innovation.variance_m2;
-        count += 1;
-    }
-    let autocorrelation = autocorrelation(&predicted);
     let flights = problem.tracks.iter().map(|track| (track.name.clone(), track.counted())).collect();
     FlightIdentification {
         schema: "bench.identification/1",
@@ -344,8 +339,8 @@ fn tell(problem: &Problem<'_>, told: &Told, fit: &Fit, rig: &Rig, prior: &Rig) -
         trim_m_s2: noise.trim,
         trim_walk_m_s2_per_root_s: noise.trim_walk,
         noise_spread_ln: out.disturbance.noise_spread_ln.unwrap_or_default(),
-        mean_nis: nis / count.max(1) as f64,
-        autocorrelation,
+        mean_nis: mean(innovations(&predicted).map(|i| i.residual_m.powi(2) / i.variance_m2)).unwrap_or(0.0),
+        autocorrelation: autocorrelation(&predicted),
         flights,
         warnings: Vec::new(),
         rig: out,

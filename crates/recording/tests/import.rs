@@ -284,6 +284,145 @@ fn bytes_that_are_no_text_are_a_bad_row() {
 }
 
 #[test]
+fn times_may_be_dates_and_times_in_text() {
+    let map = TIME_AND_Z.replace("\"s\"", "\"iso-8601\"");
+    let log = "t,z\n\
+               2024-04-15 14:43:21.924338,1\n\
+               2024-04-15T14:43:22.024338Z,2\n\
+               2024-04-15 16:43:22.124338+02:00,3\n\
+               22:43:22,4\n\
+               2024-04-15 14:43:22.1,5\n";
+    let (report, flight) = imported(&map, log);
+    let times: Vec<_> = flight.positions.iter().map(|position| position.arrived_at.seconds()).collect();
+    assert_eq!(times, [0.0, 0.1, 0.2]);
+    assert_eq!(skips(&report), [(SkipReason::NotATime, "t", 1, 5), (SkipReason::TimeBack, "t", 1, 6)]);
+    assert_eq!(
+        report.skipped[0].to_string(),
+        "1 skipped, not a date and time in t (first: line 5, \"22:43:22\")"
+    );
+    // So many seconds since 1970: `date -u -d 2024-04-15T14:43:21 +%s`.
+    assert_eq!(report.time_offset_s, 1_713_192_201.924_338);
+}
+
+#[test]
+fn columns_of_a_table_without_a_header_go_by_their_numbers() {
+    let map = TIME_AND_Z
+        .replace("name = \"test\"", "name = \"test\"\nheader = false")
+        .replace("\"t\"", "\"1\"")
+        .replace("\"z\"", "\"3\"");
+    let (report, flight) = imported(&map, "0,9,1.5\n1,9,nan\n2,9,2.5\n");
+    assert_eq!(heights(&flight), [1.5, 2.5]);
+    assert_eq!((report.rows, skips(&report)), (3, vec![(SkipReason::Nan, "3", 1, 2)]));
+    let words = Bench::new("0,1\n").import_with(&map, None).unwrap_err().to_string();
+    assert!(words.contains("no column is called \"3\"") && words.contains("has the columns 1, 2"), "{words}");
+}
+
+#[test]
+fn one_map_is_for_logs_with_and_without_a_column() {
+    let map = format!(
+        "{TIME_AND_Z}x = {{ column = \"x\", unit = \"m\", optional = true }}
+        [control]
+        phase = {{ column = \"mode\", names = {{ fly = \"hold\" }}, optional = true }}
+        [battery]
+        voltage = {{ column = \"v\", unit = \"V\", optional = true }}
+        current = {{ columns = [\"a\", \"b\"], unit = \"A\", optional = true }}"
+    );
+    let (report, flight) =
+        imported(&map, "t,z,x,mode,v,a,b,w\n0,1,7,fly,4,1,3,0\n1,2,,,,1,3,0\n2,3,5,fly,3,1,nan,0\n");
+    let across: Vec<_> = flight.positions.iter().map(|position| position.position_m).collect();
+    // A position says nothing of where it is across as zero.
+    assert_eq!(across, [[7.0, 0.0, 1.0], [0.0, 0.0, 2.0], [5.0, 0.0, 3.0]]);
+    assert_eq!(flight.states.len(), 2);
+    let battery: Vec<_> = flight.battery.iter().map(|of| (of.voltage_v, of.current_a)).collect();
+    assert_eq!(battery, [(4.0, Some(2.0)), (3.0, None)]);
+    assert_eq!(report.skipped, []);
+    let columns = report.columns.unwrap();
+    assert_eq!((columns.missing, columns.unused), (vec![], vec!["w".to_owned()]));
+
+    let (report, flight) = imported(&map, "t,z,b\n0,1,3\n1,2,3\n");
+    assert_eq!((heights(&flight), flight.states.len(), flight.battery.len()), (vec![1.0, 2.0], 0, 0));
+    let words = report.to_string();
+    assert!(words.contains("not in the log, and optional: a, mode, v, x\n"), "{words}");
+    assert!(!report.quantities.iter().any(|quantity| quantity.name.starts_with("battery")), "{words}");
+
+    // Other columns are asked for, and what is there is held to be right.
+    let words = Bench::new("t,x\n0,1\n").import_with(&map, None).unwrap_err().to_string();
+    assert!(words.contains("no column is called \"z\"") && !words.contains("called \"v\""), "{words}");
+    let (report, _) = imported(&map, "t,z,v\n0,1,4\n1,1,full\n");
+    assert_eq!(skips(&report), [(SkipReason::NotANumber, "v", 1, 3)]);
+    let words = map_problem_words(&map.replace("optional = true", "optional = 1"));
+    assert!(words.contains("true or false"), "{words}");
+}
+
+#[test]
+fn north_east_down_becomes_the_benchs_signs_by_its_name() {
+    let map = "name = \"test\"
+        [time]
+        column = \"t\"
+        unit = \"s\"
+        [position]
+        frame = \"ned\"
+        latency_s = 0.0
+        x = { column = \"a\", unit = \"m\" }
+        y = { column = \"a\", unit = \"m\" }
+        z = { column = \"b\", unit = \"cm\", offset = 50 }
+        heading = { column = \"a\", unit = \"rad\" }
+        [motion]
+        frame = \"ned\"
+        velocity_x = { column = \"a\", unit = \"m/s\" }
+        velocity_z = { column = \"b\", unit = \"m/s\" }
+        vertical_acceleration = { column = \"g\", unit = \"g\", gravity = \"included\" }
+        roll = { column = \"a\", unit = \"rad\" }
+        pitch = { column = \"a\", unit = \"rad\" }
+        yaw = { column = \"a\", unit = \"rad\" }";
+    // At rest an accelerometer along an axis that points down shows -1 g.
+    let (_, flight) = imported(map, "t,a,b,g\n0,2,-150,-1.5\n");
+    let position = flight.positions[0];
+    assert_eq!((position.position_m, position.heading_rad), ([2.0, -2.0, 1.0], Some(-2.0)));
+    let motion = flight.motion[0];
+    assert_eq!(motion.velocity_m_s, [Some(2.0), None, Some(150.0)]);
+    assert_eq!(motion.attitude_rad, [Some(2.0), Some(-2.0), Some(-2.0)]);
+    assert!((motion.vertical_acceleration_m_s2.unwrap() - 0.5 * GRAVITY_M_S2).abs() < 1e-12);
+    let same = imported(&map.replace("\"ned\"", "\"enu\""), "t,a,b,g\n0,2,-150,1\n").1;
+    assert_eq!(same.positions[0].position_m, [2.0, 2.0, -1.0]);
+}
+
+#[test]
+fn a_quaternion_gives_angles_and_squares_of_rotor_speeds_a_throttle() {
+    let map = format!(
+        "actuation = \"fraction\"\n{TIME_AND_Z}heading = {{ quaternion = [\"w\", \"x\", \"y\", \"q\"] }}
+        [motion]
+        roll = {{ quaternion = [\"w\", \"x\", \"y\", \"q\"] }}
+        pitch = {{ quaternion = [\"w\", \"x\", \"y\", \"q\"], scale = -1 }}
+        [command]
+        throttle = {{ columns = [\"m1\", \"m2\"], square = true, scale = 1e-8, unit = \"1\" }}"
+    );
+    // A quarter turn to the left, then the right side down by 60 degrees, then the nose down by 30.
+    let log = "t,z,w,x,y,q,m1,m2\n\
+               0,1,0.7071067811865476,0,0,0.7071067811865476,3000,4000\n\
+               1,1,0.8660254037844387,0.5,0,0,0,0\n\
+               2,1,0.9659258262890683,0,0.25881904510252074,0,0,10000\n\
+               3,1,0,0,0,0,0,0\n";
+    let (report, flight) = imported(&map, log);
+    let near = |found: Option<f64>, degrees: f64| {
+        assert!((found.unwrap() - degrees.to_radians()).abs() < 1e-9, "{found:?}: {degrees}");
+    };
+    for (k, [heading, roll, pitch]) in
+        [[90.0, 0.0, 0.0], [0.0, 60.0, 0.0], [0.0, 0.0, -30.0]].into_iter().enumerate()
+    {
+        near(flight.positions[k].heading_rad, heading);
+        near(flight.motion[k].attitude_rad[0], roll);
+        near(flight.motion[k].attitude_rad[1], pitch);
+    }
+    let throttles: Vec<_> = flight.commands.iter().map(|command| command.sticks.throttle).collect();
+    assert!((throttles[0] - 0.125).abs() < 1e-12 && (throttles[2] - 0.5).abs() < 1e-12, "{throttles:?}");
+    // It is no direction.
+    assert_eq!(skips(&report), [(SkipReason::OutOfRange, "w", 1, 5)]);
+    let words = map_problem_words(&map.replacen("\"w\", ", "", 1));
+    assert!(words.contains("four columns, real part first, found 3"), "{words}");
+}
+
+#[test]
 fn a_log_without_a_usable_row_is_an_error_and_leaves_nothing() {
     let bench = Bench::new("t,z\n0,nan\n1,nan\n");
     let error = bench.import_with(TIME_AND_Z, None).unwrap_err();
@@ -576,9 +715,11 @@ struct Expected {
     battery_v: Option<[f64; 2]>,
     /// Median time between rows, s.
     period_s: f64,
+    /// Place of the altitude in a row, where it is NaN in some.
+    some_altitudes: Option<usize>,
 }
 
-const PUBLISHED: [(&str, Expected); 3] = [
+const PUBLISHED: [(&str, Expected); 4] = [
     (
         "foreign",
         Expected {
@@ -587,6 +728,7 @@ const PUBLISHED: [(&str, Expected); 3] = [
             command: [0.0, 3.3],
             battery_v: None,
             period_s: 0.102,
+            some_altitudes: None,
         },
     ),
     (
@@ -597,6 +739,7 @@ const PUBLISHED: [(&str, Expected); 3] = [
             command: [0.0, 65_535.0],
             battery_v: Some([3.0, 4.25]),
             period_s: 0.01,
+            some_altitudes: None,
         },
     ),
     (
@@ -607,6 +750,18 @@ const PUBLISHED: [(&str, Expected); 3] = [
             command: [0.0, 65_535.0],
             battery_v: Some([2.8, 4.2]),
             period_s: 0.0099,
+            some_altitudes: None,
+        },
+    ),
+    (
+        "real/bzzz",
+        Expected {
+            map: "bzzz.toml",
+            altitude_m: [0.5, 1.8],
+            command: [0.0, 0.5],
+            battery_v: None,
+            period_s: 0.0223,
+            some_altitudes: Some(1),
         },
     ),
 ];
@@ -645,13 +800,18 @@ fn csv_files(folder: &Path) -> Vec<PathBuf> {
 
 fn check(report: &ImportReport, flight: &Flight, expected: &Expected, log: &Path) {
     let log = log.display();
-    let lines = fs::read_to_string(&report.log).unwrap().lines().count() as u64;
-    assert_eq!(report.rows, lines - 1, "{log}");
+    let text = fs::read_to_string(&report.log).unwrap();
+    assert_eq!(report.rows, text.lines().count() as u64 - 1, "{log}");
+    let is_absent =
+        |line: &&str| expected.some_altitudes.is_some_and(|place| line.split(',').nth(place) == Some("nan"));
+    let absent = text.lines().filter(is_absent).count() as u64;
+    assert_eq!(expected.some_altitudes.is_some(), absent > 0, "{log}");
     assert_eq!(report.rows, report.used + report.filtered + report.skipped_rows(), "{log}");
     // These logs are whole; the bad rows that others of the set have are not among them.
     assert_eq!(report.skipped, [], "{log}");
     assert_eq!(flight.commands.len() as u64, report.used, "{log}");
-    assert_eq!(flight.positions.len() as u64, report.used - report.positions_before_origin, "{log}");
+    let positions = report.used - report.positions_before_origin - absent;
+    assert_eq!(flight.positions.len() as u64, positions, "{log}");
 
     let within = |[low, high]: [f64; 2], value: f64, what: &str| {
         // NaN lies in no range.

@@ -151,6 +151,8 @@ pub enum Value {
     Number(f64),
     /// A string.
     Text(String),
+    /// True or false.
+    Flag(bool),
     /// Anything that no bench file uses, in words.
     Other(&'static str),
     /// An array.
@@ -164,6 +166,7 @@ impl Value {
         match self {
             Self::Number(x) => format!("the number {x}"),
             Self::Text(s) => format!("the text {s:?}"),
+            Self::Flag(flag) => flag.to_string(),
             Self::Other(kind) => (*kind).to_owned(),
             Self::List(_) => "a list".to_owned(),
             Self::Table(_) => "a table".to_owned(),
@@ -201,7 +204,7 @@ fn convert(value: &DeValue<'_>, line_of: &impl Fn(usize) -> usize) -> Value {
         DeValue::Float(number) => {
             number.as_str().parse().map_or(Value::Other("an odd number"), Value::Number)
         }
-        DeValue::Boolean(_) => Value::Other("true or false"),
+        DeValue::Boolean(flag) => Value::Flag(*flag),
         DeValue::Datetime(_) => Value::Other("a date"),
         DeValue::Array(items) => Value::List(
             items
@@ -468,6 +471,15 @@ impl Reader<'_, '_> {
             }
         }
         texts
+    }
+
+    /// True or false; absent, the value stays what it is.
+    pub fn flag(&mut self, key: &str, value: &mut bool) {
+        let Some(node) = self.get(key) else { return };
+        match &node.value {
+            Value::Flag(flag) => *value = *flag,
+            _ => self.wrong_type(key, node, "true or false"),
+        }
     }
 
     /// One of the named choices.

@@ -44,7 +44,7 @@ pub struct Arguments {
     /// Import nothing, but propose a map for a CSV file by names, units and ranges; each line of it says that it is a guess
     #[arg(long, conflicts_with_all = ["map", "rig", "explain", "json"])]
     guess: bool,
-    /// Say what of a log of topics was used, what the map looked for in vain, and what was left
+    /// Say what of the log was used, what the map looked for in vain, and what was left
     #[arg(long)]
     explain: bool,
     #[command(flatten)]
@@ -65,8 +65,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             words::print(&format!("map {map}: the first of the built-in ones that finds what it needs\n"))?;
         }
         words::print(&report.to_string())?;
-        if let Some(topics) = report.topics.as_ref().filter(|_| arguments.explain) {
-            words::print(&topics.explained())?;
+        if arguments.explain {
+            words::print(&report.explained())?;
         }
     }
     Ok(Exit::Done)

@@ -90,6 +90,7 @@ fn told(node: &Node) -> String {
     match &node.value {
         Value::Number(x) => x.to_string(),
         Value::Text(text) => text.clone(),
+        Value::Flag(flag) => flag.to_string(),
         Value::Other(what) => (*what).to_owned(),
         Value::List(items) => items.iter().map(told).collect::<Vec<_>>().join(", "),
         Value::Table(entries) => {

@@ -5,7 +5,7 @@ use bench_rig::Phase;
 
 use super::{
     log::{Fault, Row},
-    map::{ChannelMap, ImportMap, PhaseSource, Quantity, Source},
+    map::{ChannelMap, ImportMap, Make, PhaseSource, Quantity, Source},
     report::SkipReason,
 };
 use crate::{Channel, Record, Tick};
@@ -88,8 +88,7 @@ impl<'m> Converter<'m> {
             match self.sample(channel.map, row) {
                 Ok(sample) => samples.push(Some(sample)),
                 Err(fault)
-                    if channel.map.may_be_absent
-                        && matches!(fault.reason, SkipReason::Empty | SkipReason::Nan) =>
+                    if fault.is_lack() && (channel.map.may_be_absent || self.map.is_optional(&fault)) =>
                 {
                     absent = Some(fault);
                     samples.push(None);
@@ -134,9 +133,9 @@ impl<'m> Converter<'m> {
                 Ok(number) => numbers.push(Some(number)),
                 // A battery without a current has a voltage nevertheless.
                 Err(fault)
-                    if self.map.log.is_some()
+                    if fault.is_lack()
                         && !quantity.target.required
-                        && matches!(fault.reason, SkipReason::Empty | SkipReason::Nan) =>
+                        && (self.map.log.is_some() || self.map.is_optional(&fault)) =>
                 {
                     lacked = Some(fault);
                     numbers.push(None);
@@ -266,12 +265,20 @@ impl Quantity {
     fn read(&self, row: Row<'_>) -> Result<f64, Fault> {
         match &self.source {
             Source::Constant(number) => Ok(*number),
-            Source::Columns { columns, valid, factor, shift } => {
-                let mut sum = 0.0;
-                for &column in columns {
-                    sum += row.number(column, *valid)?;
-                }
-                let number = sum / columns.len() as f64 * factor + shift;
+            Source::Columns { columns, make, valid, factor, shift } => {
+                let numbers = columns.iter().map(|&column| row.number(column, *valid));
+                let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
+                let mean = |of: fn(&f64) -> f64| numbers.iter().map(of).sum::<f64>() / numbers.len() as f64;
+                let made = match (make, numbers.as_slice()) {
+                    // It is no direction.
+                    (Make::Angle(_), [0.0, 0.0, 0.0, 0.0]) => {
+                        return Err(SkipReason::OutOfRange.in_column(columns[0]));
+                    }
+                    (Make::Angle(angle), &[w, x, y, z]) => angle.of([w, x, y, z]),
+                    (Make::MeanOfSquares, _) => mean(|x| x * x),
+                    _ => mean(|x| *x),
+                };
+                let number = made * factor + shift;
                 if number.is_finite() { Ok(number) } else { Err(SkipReason::Infinite.in_column(columns[0])) }
             }
         }
@@ -298,6 +305,11 @@ impl PhaseSource {
 }
 
 impl ImportMap {
+    /// Whether a fault is in a column that a table may lack.
+    fn is_optional(&self, fault: &Fault) -> bool {
+        fault.column.is_some_and(|column| self.columns[column.0].optional)
+    }
+
     /// The log's time at a row, ns.
     pub(super) fn time_ns(&self, row: Row<'_>) -> Result<i128, Fault> {
         match (row.stamp_ns(), &self.time) {

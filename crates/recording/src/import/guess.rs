@@ -9,7 +9,11 @@ use std::{
     path::Path,
 };
 
-use super::{ImportError, ImportMap, log::read_error};
+use super::{
+    ImportError, ImportMap,
+    log::read_error,
+    number::{TimeUnit, nanos},
+};
 use crate::FileKind;
 
 /// A map that was guessed.
@@ -35,6 +39,8 @@ struct Column {
     /// The unit that its name ends with, as maps name it.
     unit: Option<&'static str>,
     numbers: u64,
+    /// Dates and times; they rise and fall as numbers of seconds do.
+    dates: u64,
     empty: u64,
     words: BTreeSet<String>,
     min: f64,
@@ -162,22 +168,39 @@ impl Column {
                 self.min = self.min.min(number);
                 self.max = self.max.max(number);
                 self.sum += number;
-                if let Some(last) = self.last.replace(number) {
-                    self.rises += u64::from(number > last);
-                    self.falls += u64::from(number < last);
-                    if number > last {
-                        self.steps.push(number - last);
-                    }
-                }
+                self.follow(number);
             }
             _ if cell.is_empty() || cell.parse::<f64>().is_ok() => self.empty += 1,
-            _ if self.words.len() <= WORDS => _ = self.words.insert(cell.to_owned()),
-            _ => {}
+            _ => {
+                if let Ok(nanos) = nanos(cell, TimeUnit::Iso8601) {
+                    self.dates += 1;
+                    self.follow(nanos as f64 * 1e-9);
+                }
+                if self.words.len() <= WORDS {
+                    self.words.insert(cell.to_owned());
+                }
+            }
+        }
+    }
+
+    fn follow(&mut self, number: f64) {
+        if let Some(last) = self.last.replace(number) {
+            self.rises += u64::from(number > last);
+            self.falls += u64::from(number < last);
+            if number > last {
+                self.steps.push(number - last);
+            }
         }
     }
 
     fn is_number(&self) -> bool {
         self.numbers > 0 && self.words.is_empty()
+    }
+
+    /// Whether each cell is a date and time.
+    fn is_date(&self) -> bool {
+        let of = |word: &String| nanos(word, TimeUnit::Iso8601).is_ok();
+        self.dates > 0 && self.numbers == 0 && self.words.iter().all(of)
     }
 
     fn largest(&self) -> f64 {
@@ -287,11 +310,19 @@ pub fn guess(path: &Path) -> Result<GuessedMap, ImportError> {
             ImportMap::read(Path::new("the guessed map"), &text)?;
             Ok(GuessedMap { text, unknown })
         }
-        Err(missing) => Err(ImportError::NotGuessed {
-            path: path.to_owned(),
-            missing,
-            columns: columns.into_iter().map(|column| column.name).collect(),
-        }),
+        Err(mut missing) => {
+            if columns.iter().all(|column| column.name.parse::<f64>().is_ok()) {
+                missing = vec![
+                    "its first line is a row, and names no columns: write a map with header = false"
+                        .to_owned(),
+                ];
+            }
+            Err(ImportError::NotGuessed {
+                path: path.to_owned(),
+                missing,
+                columns: columns.into_iter().map(|column| column.name).collect(),
+            })
+        }
     }
 }
 
@@ -391,15 +422,20 @@ impl<'a> Guess<'a> {
     }
 
     fn time(&mut self) -> Option<String> {
-        let names = ["t", "time", "timestamp", "stamp", "tick", "clock", "elapsed"];
-        let rises =
-            |column: &Column| column.is_number() && column.rises > 0 && 100 * column.falls <= column.rises;
+        let names =
+            ["t", "time", "timestamp", "stamp", "tick", "clock", "elapsed", "datetime", "date", "utc"];
+        let rises = |column: &Column| {
+            let is_time = column.is_number() || column.is_date();
+            is_time && column.rises > 0 && 100 * column.falls <= column.rises
+        };
         let of_name =
             |column: &Column| column.parts.first().is_some_and(|first| names.contains(&first.as_str()));
         let column = self.find(|column| of_name(column) && rises(column))?;
         let unit = column.unit.filter(|unit| ["s", "ms", "us", "ns"].contains(unit));
         let step = median(&column.steps);
-        let (unit, words) = if let Some(unit) = unit {
+        let (unit, words) = if column.is_date() {
+            ("iso-8601", "it has dates and times as text".to_owned())
+        } else if let Some(unit) = unit {
             (unit, "its name says the unit".to_owned())
         } else {
             // Rows of flight logs come every 1 ms to 1 s.
@@ -422,7 +458,7 @@ impl<'a> Guess<'a> {
         };
         match self.columns.iter().find(is_word) {
             Some(column) => format!(
-                "column {:?} is a time as text, such as {:?}, which no map reads: write it as seconds",
+                "column {:?} is a time as text, such as {:?}, and no dates and times by ISO 8601 that rise: write it so, or as seconds",
                 column.name,
                 column.words.first().map_or("", String::as_str)
             ),
@@ -648,12 +684,13 @@ impl<'a> Guess<'a> {
         if let Some(column) = self.find(|column| is_set(column) && !is_speed(column)) {
             let (unit, words) = self.length(column);
             let scale = if is_down { ", scale = -1" } else { "" };
+            // The phase is told in every row.
+            let optional = if column.empty > 0 { ", optional = true" } else { "" };
             let _ = writeln!(
                 out,
-                "setpoint_z = {{ column = {}, unit = {unit:?}{scale} }}   # guess: {words}",
+                "setpoint_z = {{ column = {}, unit = {unit:?}{scale}{optional} }}   # guess: {words}",
                 column.quoted()
             );
-            used.push(column);
         }
         format!("\n[control]\n{out}keep = \"changes\"\n{}", empty(used.into_iter()))
     }

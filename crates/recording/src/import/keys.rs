@@ -9,7 +9,7 @@ use bench_rig::{
 use super::{
     map::ImportMap,
     number::TimeUnit,
-    read::{DELIMITERS, EMPTY, GRAVITY, KEEP, LATENCY, LOGS, PERIOD},
+    read::{DELIMITERS, EMPTY, FRAMES, GRAVITY, KEEP, LATENCY, LOGS, PERIOD},
     target::{Dimension, TABLES, Table, Target},
 };
 use crate::Channel;
@@ -29,14 +29,12 @@ impl ImportMap {
         ];
         let of_tables = vec![
             Key::optional("delimiter", "What stands between the cells.", choice(&DELIMITERS)).or_text(","),
-            table(
-                "time",
-                "The time of a row of a table.",
-                vec![
-                    column("column"),
-                    Key::required("unit", "The unit that the column is in.", choice(&TimeUnit::CHOICES)),
-                ],
+            Key::optional(
+                "header",
+                "Whether the first line names the columns, as is taken without this key. Else they are called \"1\", \"2\" and so on.",
+                Kind::Flag,
             ),
+            table("time", "The time of a row of a table.", vec![column("column"), time_unit()]),
             Key::optional(
                 "filter",
                 "Rows to keep: all filters must agree, and one has at_least, below or both.",
@@ -87,10 +85,7 @@ fn channel(of: &Table) -> Key {
             vec![table(
                 "exposed_at",
                 "When a position was exposed, by a column, in place of latency_s and newest_of_frames_s.",
-                vec![
-                    column("column"),
-                    Key::required("unit", "The unit that the column is in.", choice(&TimeUnit::CHOICES)),
-                ],
+                vec![column("column"), time_unit()],
             )],
         ],
         Channel::ControlState => {
@@ -98,7 +93,16 @@ fn channel(of: &Table) -> Key {
         }
         _ => vec![Vec::new()],
     };
+    let frame = of.has_frame().then(|| {
+        Key::optional(
+            "frame",
+            "The directions of x, y, z: ned has y, z, pitch and yaw turned into the bench's signs.",
+            choice(&FRAMES),
+        )
+        .or_text("nwu")
+    });
     let forms = ways.into_iter().map(|mut keys| {
+        keys.extend(frame.clone());
         keys.extend(of.targets.iter().map(quantity));
         keys.extend([
             Key::optional(
@@ -143,8 +147,7 @@ fn quantity(target: &Target) -> Key {
     } else {
         "The unit that the columns are in."
     };
-    let mut shared = vec![
-        Key::required("unit", meaning, Kind::Choice(units)),
+    let optional_keys = vec![
         number("scale", "The mean of the columns is multiplied by this.").or_number(1.0),
         number("offset", "Added after that, in the column's unit.").or_number(0.0),
         Key::optional(
@@ -152,7 +155,17 @@ fn quantity(target: &Target) -> Key {
             "The columns' own numbers, lowest and highest; a row with any outside is bad.",
             Kind::List(Box::new(Kind::Number(Range::ANY)), 2, Some(2)),
         ),
+        may_lack(),
     ];
+    let mut shared = vec![Key::required("unit", meaning, Kind::Choice(units))];
+    shared.extend(optional_keys.iter().cloned());
+    if sticks {
+        shared.push(Key::optional(
+            "square",
+            "Of sticks alone: whether the numbers are squared before their mean is taken, as rotor speeds are.",
+            Kind::Flag,
+        ));
+    }
     if target.dimension == Dimension::Acceleration {
         shared.push(Key::required(
             "gravity",
@@ -166,11 +179,20 @@ fn quantity(target: &Target) -> Key {
         "Several columns, whose mean is taken, instead of `column`.",
         Kind::List(Box::new(Kind::Text), 1, None),
     );
-    let forms = [column("column"), several].map(|first| {
+    let with = |first: Key, rest: &[Key]| {
         let mut keys = vec![first];
-        keys.extend(shared.iter().cloned());
+        keys.extend(rest.iter().cloned());
         keys
-    });
+    };
+    let mut forms = vec![with(column("column"), &shared), with(several, &shared)];
+    if target.dimension == Dimension::Angle {
+        let quaternion = Key::required(
+            "quaternion",
+            "Of angles alone: four columns of a quaternion, real part first, whose angle is taken, in rad.",
+            Kind::List(Box::new(Kind::Text), 4, Some(4)),
+        );
+        forms.push(with(quaternion, &optional_keys));
+    }
     let kind = Kind::AnyOf(vec![Kind::Number(Range::ANY), Kind::Table(Form::any(forms))]);
     let meaning = format!("A constant in {unit}, or by columns.");
     let key = Key::required(target.key, &meaning, kind);
@@ -189,8 +211,21 @@ fn phase() -> Kind {
         "Points [number, phase] whose numbers rise; the column reaches the highest of them.",
         Kind::List(Box::new(Kind::Pair(Box::new(Kind::Number(Range::ANY)), Box::new(phases()))), 1, None),
     );
-    let forms = Form::any([names, from].map(|how| vec![column("column"), how]));
+    let forms = Form::any([names, from].map(|how| vec![column("column"), how, may_lack()]));
     Kind::AnyOf(vec![phases(), Kind::Table(forms)])
+}
+
+fn time_unit() -> Key {
+    let meaning = "The unit that the column is in, or that it has dates and times as text.";
+    Key::required("unit", meaning, choice(&TimeUnit::CHOICES))
+}
+
+fn may_lack() -> Key {
+    Key::optional(
+        "optional",
+        "Whether the log may lack the columns, or have empty cells there: then nothing is recorded of them.",
+        Kind::Flag,
+    )
 }
 
 /// A number of seconds, or `"rig"`.

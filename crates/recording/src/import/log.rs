@@ -15,18 +15,19 @@ use super::{
     error::ColumnProblem,
     map::ColumnId,
     number::{TimeUnit, finite, nanos},
-    report::SkipReason,
+    report::{ColumnsReport, SkipReason},
     topics::{Held, Value},
 };
 use crate::FileKind;
 
-/// A CSV file whose header has every column that the map names.
+/// A CSV file that has every column that the map asks for.
 pub(super) struct Log {
     reader: csv::Reader<File>,
     /// The place in a row of each of the map's columns.
-    places: Vec<usize>,
+    places: Vec<Option<usize>>,
     width: usize,
     record: ByteRecord,
+    pub columns: ColumnsReport,
 }
 
 /// Why a row cannot be used, and which of its columns is at fault.
@@ -37,6 +38,13 @@ pub(super) struct Fault {
     pub column: Option<ColumnId>,
 }
 
+impl Fault {
+    /// Whether there is nothing, which is not to say that something is wrong.
+    pub fn is_lack(&self) -> bool {
+        matches!(self.reason, SkipReason::Empty | SkipReason::Nan)
+    }
+}
+
 /// One row.
 #[derive(Clone, Copy)]
 pub(super) struct Row<'a>(Kind<'a>);
@@ -45,7 +53,7 @@ pub(super) struct Row<'a>(Kind<'a>);
 enum Kind<'a> {
     Text {
         record: &'a ByteRecord,
-        places: &'a [usize],
+        places: &'a [Option<usize>],
         width: usize,
     },
     /// In the order of the map's columns.
@@ -80,20 +88,29 @@ impl Log {
         let file = File::open(path).map_err(unread)?;
         let mut reader = csv::ReaderBuilder::new()
             .delimiter(map.delimiter)
+            .has_headers(map.has_header)
             // Rows of another width are counted, not fatal.
             .flexible(true)
             .from_reader(file);
-        let header = reader.byte_headers().map_err(|error| read_error(path, error))?;
-        let columns: Vec<String> =
-            header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect();
+        let first = reader.byte_headers().map_err(|error| read_error(path, error))?;
+        let name = |(place, name): (usize, &[u8])| {
+            if map.has_header {
+                String::from_utf8_lossy(name).trim().to_owned()
+            } else {
+                (place + 1).to_string()
+            }
+        };
+        let columns: Vec<String> = first.iter().enumerate().map(name).collect();
         if columns.iter().all(String::is_empty) {
             return Err(ImportError::NoHeader { path: path.to_owned() });
         }
         let places = find_columns(map, path, &columns)?;
-        Ok(Self { reader, places, width: columns.len(), record: ByteRecord::new() })
+        let width = columns.len();
+        let columns = ColumnsReport::new(map, columns);
+        Ok(Self { reader, places, width, record: ByteRecord::new(), columns })
     }
 
-    /// The next row below the header.
+    /// The next row below the header, if there is one.
     pub fn next_row(&mut self, path: &Path) -> Result<Option<Row<'_>>, ImportError> {
         let more = self.reader.read_byte_record(&mut self.record).map_err(|error| read_error(path, error))?;
         let row = Kind::Text { record: &self.record, places: &self.places, width: self.width };
@@ -101,17 +118,19 @@ impl Log {
     }
 }
 
+/// The places of the map's columns in a table; `None` for an optional one that it does not have.
 pub(super) fn find_columns(
     map: &ImportMap,
     path: &Path,
     columns: &[String],
-) -> Result<Vec<usize>, ImportError> {
+) -> Result<Vec<Option<usize>>, ImportError> {
     let mut problems = Vec::new();
     let mut places = Vec::with_capacity(map.columns.len());
     for column in &map.columns {
         let mut found = (0..columns.len()).filter(|&place| columns[place] == column.name);
         match (found.next(), found.count()) {
-            (Some(place), 0) => places.push(place),
+            (Some(place), 0) => places.push(Some(place)),
+            (None, _) if column.optional => places.push(None),
             (first, more) => problems.push(ColumnProblem {
                 at: column.at.clone(),
                 key: column.key.clone(),
@@ -169,11 +188,16 @@ impl<'a> Row<'a> {
         }
     }
 
+    /// The bytes of a cell of a CSV file; none of a column that it does not have.
+    fn cell(record: &'a ByteRecord, places: &[Option<usize>], column: ColumnId) -> &'a [u8] {
+        places[column.0].map_or(&[], |place| &record[place])
+    }
+
     /// What stands in a column, for messages; of a row of the wrong width, all of it.
     pub fn found(&self, column: Option<ColumnId>) -> String {
         match (self.0, column) {
             (Kind::Text { record, places, .. }, Some(column)) => {
-                String::from_utf8_lossy(&record[places[column.0]]).into_owned()
+                String::from_utf8_lossy(Self::cell(record, places, column)).into_owned()
             }
             (Kind::Text { record, .. }, None) => String::from_utf8_lossy(record.as_slice()).into_owned(),
             (Kind::Cells { held, .. }, Some(column)) => held[column.0].value.to_string(),
@@ -186,7 +210,7 @@ impl<'a> Row<'a> {
     /// The text of a cell without surrounding space. The row must be whole.
     pub fn text(&self, column: ColumnId) -> Result<Cow<'a, str>, Fault> {
         match self.0 {
-            Kind::Text { record, places, .. } => str::from_utf8(&record[places[column.0]])
+            Kind::Text { record, places, .. } => str::from_utf8(Self::cell(record, places, column))
                 .map(|text| Cow::Borrowed(text.trim()))
                 .map_err(|_| SkipReason::NotANumber.in_column(column)),
             Kind::Cells { held, .. } => Ok(match &held[column.0].value {

@@ -13,6 +13,7 @@ use bench_rig::{
 };
 
 use super::{
+    angle::Angle,
     number::TimeUnit,
     target::{Table, Target},
 };
@@ -31,6 +32,8 @@ pub struct ImportMap {
     pub(super) file: PathBuf,
     pub(super) text: String,
     pub(super) delimiter: u8,
+    /// Whether the first line of a table names its columns; else they are called by their numbers, from one.
+    pub(super) has_header: bool,
     /// The kind of log of topics that it is for; `None`: tables.
     pub(super) log: Option<Format>,
     /// Where the time of a row stands; in logs of topics each sample has its own.
@@ -60,6 +63,8 @@ pub(super) struct ColumnUse {
     pub name: String,
     pub at: Location,
     pub key: String,
+    /// Whether a table may lack it, as a whole or in some rows.
+    pub optional: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -115,8 +120,17 @@ pub(super) struct Quantity {
 pub(super) enum Source {
     /// In the recording's unit.
     Constant(f64),
-    /// The mean of `columns`, each within `valid`, times `factor` plus `shift`.
-    Columns { columns: Vec<ColumnId>, valid: Option<Range>, factor: f64, shift: f64 },
+    /// What `make` makes of `columns`, each within `valid`, times `factor` plus `shift`.
+    Columns { columns: Vec<ColumnId>, make: Make, valid: Option<Range>, factor: f64, shift: f64 },
+}
+
+/// What becomes of the numbers of several columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Make {
+    Mean,
+    MeanOfSquares,
+    /// Of a quaternion, real part first, rad.
+    Angle(Angle),
 }
 
 impl ImportMap {
@@ -141,6 +155,7 @@ impl ImportMap {
             file: file.to_owned(),
             text: text.to_owned(),
             delimiter: b',',
+            has_header: true,
             log: None,
             time: None,
             filters: Vec::new(),

@@ -4,6 +4,7 @@
 //! the range that the map declares or goes back in time is counted and told in the [`ImportReport`], never used.
 //! `docs/import.md` tells how to write a map.
 
+mod angle;
 mod convert;
 mod error;
 mod guess;
@@ -34,7 +35,7 @@ pub use self::{
     error::{ColumnProblem, ImportError},
     guess::{GuessedMap, guess},
     map::ImportMap,
-    report::{ImportReport, LossReport, QuantityRange, SkipReason, Skipped, TopicsReport},
+    report::{ColumnsReport, ImportReport, LossReport, QuantityRange, SkipReason, Skipped, TopicsReport},
 };
 use crate::{Channel, Event, EventText, FileKind, Level, Record, RecordingError, recover::same_file};
 
@@ -86,11 +87,15 @@ pub fn import(
     import.report.topics = topics;
     match (&mut rows, map.log) {
         (Some(rows), _) => {
+            import.report.columns = Some(rows.columns.clone());
             while let Some(row) = rows.next_row(log)? {
                 import.take(row)?;
             }
         }
-        (None, None) => read_table(map, log, &mut |row| import.take(row))?,
+        (None, None) => {
+            let columns = read_table(map, log, &mut |row| import.take(row))?;
+            import.report.columns = Some(columns);
+        }
         (None, Some(format)) => {
             let (losses, wild) = read_topics(map, format, log, &mut |row| import.take(row))?;
             if let Some(topics) = &mut import.report.topics {

@@ -9,8 +9,9 @@ use bench_rig::{
 };
 
 use super::{
+    angle::Angle,
     map::{
-        ChannelMap, ColumnId, ColumnUse, Filter, ImportMap, PhaseSource, Quantity, Setting, Source,
+        ChannelMap, ColumnId, ColumnUse, Filter, ImportMap, Make, PhaseSource, Quantity, Setting, Source,
         TimeColumn,
     },
     number::TimeUnit,
@@ -34,6 +35,8 @@ pub(super) const LOGS: [(&str, Option<Format>); 5] = [
 pub(super) const KEEP: [(&str, bool); 2] = [("all", false), ("changes", true)];
 /// Whether an empty cell only means that there is no message.
 pub(super) const EMPTY: [(&str, bool); 2] = [("bad", false), ("absent", true)];
+/// The sign of y, z, pitch and yaw in frames that a map may name; x, y, z are north, west, up, or as the letters say.
+pub(super) const FRAMES: [(&str, f64); 3] = [("nwu", 1.0), ("enu", 1.0), ("ned", -1.0)];
 /// What is added to an acceleration, m/s^2.
 pub(super) const GRAVITY: [(&str, f64); 2] = [("included", -GRAVITY_M_S2), ("removed", 0.0)];
 
@@ -55,6 +58,7 @@ impl ImportMap {
         }
         // Samples of a log of topics have their own stamps, and are no iterations of a loop.
         if self.log.is_none() {
+            reader.flag("header", &mut self.has_header);
             reader.table("time", |reader| {
                 let column = self.column(reader, "column");
                 let mut unit = TimeUnit::CHOICES[0].1;
@@ -103,13 +107,18 @@ impl ImportMap {
             _ => {}
         }
         let mut quantities = Vec::new();
+        let mut frame = 1.0;
+        if table.has_frame() {
+            reader.choice_or("frame", &FRAMES, &mut frame);
+        }
         for target in table.targets {
             let node = if target.required {
                 reader.require(target.key, "a number, or { column = ..., unit = ... }")
             } else {
                 reader.get(target.key)
             };
-            if let Some(source) = node.and_then(|node| self.source(reader, target, node)) {
+            let sign = if target.is_turned() { frame } else { 1.0 };
+            if let Some(source) = node.and_then(|node| self.source(reader, target, sign, node)) {
                 quantities.push(Quantity { target, source });
             }
         }
@@ -130,12 +139,20 @@ impl ImportMap {
         self.channels.push(ChannelMap { table, quantities, changes_only, every_s, may_be_absent });
     }
 
-    fn source(&mut self, reader: &mut Reader<'_, '_>, target: &Target, node: &Node) -> Option<Source> {
+    fn source(
+        &mut self,
+        reader: &mut Reader<'_, '_>,
+        target: &Target,
+        sign: f64,
+        node: &Node,
+    ) -> Option<Source> {
         match &node.value {
-            Value::Number(_) => reader.number_in(target.key, node, ANY).map(Source::Constant),
+            Value::Number(_) => {
+                reader.number_in(target.key, node, ANY).map(|number| Source::Constant(sign * number))
+            }
             Value::Table(_) => {
                 let mut source = None;
-                reader.table(target.key, |reader| source = self.columns_source(reader, target));
+                reader.table(target.key, |reader| source = self.columns_source(reader, target, sign));
                 source
             }
             _ => {
@@ -145,20 +162,38 @@ impl ImportMap {
         }
     }
 
-    fn columns_source(&mut self, reader: &mut Reader<'_, '_>, target: &Target) -> Option<Source> {
-        let columns = if reader.get("columns").is_some() {
+    fn columns_source(&mut self, reader: &mut Reader<'_, '_>, target: &Target, sign: f64) -> Option<Source> {
+        let is_angle = target.dimension == Dimension::Angle;
+        let is_quaternion = is_angle && reader.get("quaternion").is_some();
+        let columns = if is_quaternion {
+            self.quaternion(reader)?
+        } else if reader.get("columns").is_some() {
             self.column_list(reader, "columns")?
         } else {
             vec![self.column(reader, "column")?]
         };
-        let mut unit = None;
-        let units: Vec<_> = target
-            .dimension
-            .units(self.actuation)
-            .iter()
-            .map(|&(name, factor)| (name, Some(factor)))
-            .collect();
-        reader.choice("unit", &units, &mut unit);
+        self.read_optional(reader, &columns);
+        let mut square = false;
+        if target.dimension == Dimension::Stick {
+            reader.flag("square", &mut square);
+        }
+        let make = match target.key {
+            _ if square => Make::MeanOfSquares,
+            _ if !is_quaternion => Make::Mean,
+            "roll" => Make::Angle(Angle::Roll),
+            "pitch" => Make::Angle(Angle::Pitch),
+            _ => Make::Angle(Angle::Yaw),
+        };
+        let mut unit = is_quaternion.then_some(1.0);
+        if !is_quaternion {
+            let units: Vec<_> = target
+                .dimension
+                .units(self.actuation)
+                .iter()
+                .map(|&(name, factor)| (name, Some(factor)))
+                .collect();
+            reader.choice("unit", &units, &mut unit);
+        }
         let (mut scale, mut offset) = (None, None);
         reader.maybe("scale", ANY, &mut scale);
         reader.maybe("offset", ANY, &mut offset);
@@ -167,9 +202,10 @@ impl ImportMap {
             reader.choice("gravity", &GRAVITY, &mut shift);
         }
         let valid = valid_range(reader);
-        let unit = unit?;
+        let unit = sign * unit?;
         Some(Source::Columns {
             columns,
+            make,
             valid,
             factor: scale.unwrap_or(1.0) * unit,
             shift: offset.unwrap_or(0.0) * unit + shift,
@@ -188,6 +224,7 @@ impl ImportMap {
             }
             Value::Table(_) => reader.table("phase", |reader| {
                 let Some(column) = self.column(reader, "column") else { return };
+                self.read_optional(reader, &[column]);
                 if reader.get("from").is_some() {
                     self.phase = PhaseSource::Thresholds(column, thresholds(reader));
                 } else {
@@ -237,9 +274,28 @@ impl ImportMap {
                 items.iter().map(|item| self.column_at(reader, key, item)).collect()
             }
             _ => {
-                reader.wrong_type(key, node, "a list of columns, whose mean is taken");
+                reader.wrong_type(key, node, "a list of columns");
                 None
             }
+        }
+    }
+
+    /// The four columns of a quaternion.
+    fn quaternion(&mut self, reader: &mut Reader<'_, '_>) -> Option<Vec<ColumnId>> {
+        let columns = self.column_list(reader, "quaternion")?;
+        if columns.len() != 4 {
+            let detail = format!("expected four columns, real part first, found {}", columns.len());
+            reader.contradiction("quaternion", detail);
+        }
+        Some(columns)
+    }
+
+    /// Whether a table may lack these columns.
+    fn read_optional(&mut self, reader: &mut Reader<'_, '_>, columns: &[ColumnId]) {
+        let mut optional = false;
+        reader.flag("optional", &mut optional);
+        for column in columns {
+            self.columns[column.0].optional = optional;
         }
     }
 
@@ -252,6 +308,7 @@ impl ImportMap {
             name: name.trim().to_owned(),
             at: reader.at(node.line),
             key: reader.path(key),
+            optional: false,
         });
         Some(ColumnId(self.columns.len() - 1))
     }

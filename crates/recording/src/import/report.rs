@@ -9,7 +9,7 @@ use std::{
 use bench_logs::{Format, Losses, Survey, Topic};
 use serde::Serialize;
 
-use super::topics;
+use super::{ImportMap, topics};
 
 /// Name and version of the report's form as JSON.
 const SCHEMA: &str = "bench.import/1";
@@ -28,6 +28,8 @@ pub enum SkipReason {
     Infinite,
     /// A cell holds something that is no number.
     NotANumber,
+    /// A cell holds something that is no date and time.
+    NotATime,
     /// A cell holds a number outside the range that the map declares.
     OutOfRange,
     /// The map does not say what this phase is.
@@ -46,6 +48,7 @@ impl fmt::Display for SkipReason {
             Self::Nan => "NaN",
             Self::Infinite => "infinite",
             Self::NotANumber => "not a number",
+            Self::NotATime => "not a date and time",
             Self::OutOfRange => "out of range",
             Self::UnknownPhase => "a phase that the map does not name",
             Self::TimeRepeated => "time repeated",
@@ -123,10 +126,24 @@ pub struct ImportReport {
     /// What became of a log of topics; `None` of tables.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub topics: Option<TopicsReport>,
+    /// What became of a table's columns; `None` of logs of topics.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub columns: Option<ColumnsReport>,
     /// Messages by channel.
     pub channels: BTreeMap<&'static str, u64>,
     /// Ranges of what was imported, in the order of the map's tables.
     pub quantities: Vec<QuantityRange>,
+}
+
+/// What became of a table's columns.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ColumnsReport {
+    /// The columns that were used, sorted.
+    pub used: Vec<String>,
+    /// The optional columns that the table does not have, sorted.
+    pub missing: Vec<String>,
+    /// The columns that the map does not name, in the table's order.
+    pub unused: Vec<String>,
 }
 
 /// What became of a log of topics.
@@ -186,6 +203,17 @@ impl From<LossReport> for Losses {
     }
 }
 
+impl ColumnsReport {
+    pub(super) fn new(map: &ImportMap, columns: Vec<String>) -> Self {
+        let mut named: Vec<String> = map.columns.iter().map(|column| column.name.clone()).collect();
+        named.sort();
+        named.dedup();
+        let (used, missing) = named.into_iter().partition(|name| columns.contains(name));
+        let is_unused = |column: &String| map.columns.iter().all(|named| named.name != *column);
+        Self { used, missing, unused: columns.into_iter().filter(is_unused).collect() }
+    }
+}
+
 impl TopicsReport {
     pub(super) fn new(
         format: Format,
@@ -225,24 +253,24 @@ impl TopicsReport {
         lost
     }
 
-    /// What was used, missed and left, in lines.
-    pub fn explained(&self) -> String {
+    fn explained(&self) -> String {
         let unused =
             self.unused.iter().map(|UnusedTopic { topic, samples }| format!("{topic} ({samples} samples)"));
-        let lists = [
-            ("used:", self.used.clone()),
-            ("named by the map, not in the log:", self.missing.clone()),
-            ("in the log, not used:", unused.collect()),
-        ];
-        let mut lines = Vec::new();
-        for (title, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
-            lines.push(title.to_owned());
-            lines.extend(list.into_iter().map(|line| format!("  {line}")));
-        }
-        // The last line ends too.
-        lines.push(String::new());
-        lines.join("\n")
+        explained([self.used.clone(), self.missing.clone(), unused.collect()])
     }
+}
+
+/// What of a log was used, missed and left, in lines.
+fn explained(lists: [Vec<String>; 3]) -> String {
+    let titles = ["used:", "named by the map, not in the log:", "in the log, not used:"];
+    let mut lines = Vec::new();
+    for (title, list) in titles.into_iter().zip(lists).filter(|(_, list)| !list.is_empty()) {
+        lines.push(title.to_owned());
+        lines.extend(list.into_iter().map(|line| format!("  {line}")));
+    }
+    // The last line ends too.
+    lines.push(String::new());
+    lines.join("\n")
 }
 
 impl ImportReport {
@@ -261,9 +289,20 @@ impl ImportReport {
             time_offset_s: 0.0,
             duration_s: 0.0,
             topics: None,
+            columns: None,
             channels: BTreeMap::new(),
             quantities: Vec::new(),
         }
+    }
+
+    /// What of the log was used, missed and left, in lines.
+    pub fn explained(&self) -> String {
+        let topics = self.topics.as_ref().map(TopicsReport::explained);
+        let columns = self
+            .columns
+            .clone()
+            .map(|ColumnsReport { used, missing, unused }| explained([used, missing, unused]));
+        topics.or(columns).unwrap_or_default()
     }
 
     /// How many rows were skipped, for whatever reason.
@@ -320,6 +359,11 @@ impl fmt::Display for ImportReport {
         }
         if self.topics.as_ref().is_some_and(|topics| !topics.has_throttle) {
             writeln!(f, "no throttle in the log: the flight can be viewed and compared, not diagnosed")?;
+        }
+        if let Some(ColumnsReport { missing, .. }) =
+            self.columns.as_ref().filter(|columns| !columns.missing.is_empty())
+        {
+            writeln!(f, "not in the log, and optional: {}", missing.join(", "))?;
         }
         writeln!(f, "duration {:.3} s, from {:.3} s of the log's time", self.duration_s, self.time_offset_s)?;
         for (topic, count) in &self.channels {

@@ -68,6 +68,32 @@ pub(super) struct Table {
     pub targets: &'static [Target],
 }
 
+impl Target {
+    /// Whether it has the other sign where y and z point the other way.
+    pub fn is_turned(&self) -> bool {
+        matches!(
+            self.key,
+            "y" | "z"
+                | "heading"
+                | "velocity_y"
+                | "velocity_z"
+                | "vertical_acceleration"
+                | "pitch"
+                | "yaw"
+                | "setpoint_y"
+                | "setpoint_z"
+                | "setpoint_heading"
+        )
+    }
+}
+
+impl Table {
+    /// Whether its quantities are along axes or about them.
+    pub fn has_frame(&self) -> bool {
+        matches!(self.channel, Channel::Position | Channel::Motion | Channel::ControlState)
+    }
+}
+
 macro_rules! targets {
     ($variant:ident($record:ident): $($key:literal $dimension:ident $need:ident $place:expr;)+) => {
         &[$(Target {

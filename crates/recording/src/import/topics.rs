@@ -6,10 +6,11 @@ use bench_logs::{Cell, Format, Losses, Sample, Survey, Topic, Visitor, scan};
 
 use super::{
     ImportError, ImportMap,
+    angle::Angle,
     log::{Row, find_columns},
     map::{ChannelMap, ColumnId, PhaseSource, Source},
     number::finite,
-    report::SkipReason,
+    report::{ColumnsReport, SkipReason},
 };
 use crate::Channel;
 
@@ -73,28 +74,6 @@ impl fmt::Display for Value {
             Self::Number(number) => number.fmt(f),
             Self::Integer(number) => number.fmt(f),
             Self::Text(text) => text.fmt(f),
-        }
-    }
-}
-
-/// An angle of a quaternion from the body's frame (x ahead, y right, z down) to the earth's (z down), rad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Angle {
-    Roll,
-    Pitch,
-    Yaw,
-}
-
-impl Angle {
-    const ALL: [(&str, Self); 3] = [(".roll", Self::Roll), (".pitch", Self::Pitch), (".yaw", Self::Yaw)];
-
-    /// Tait-Bryan angles, first about z, then y, then x; `w` is the real part. The length of the quaternion does not matter.
-    fn of(self, [w, x, y, z]: [f64; 4]) -> f64 {
-        let square = w * w + x * x + y * y + z * z;
-        match self {
-            Self::Roll => (w * x + y * z).atan2(0.5 * square - (x * x + y * y)),
-            Self::Pitch => (2.0 * (w * y - z * x) / square).clamp(-1.0, 1.0).asin(),
-            Self::Yaw => (w * z + x * y).atan2(0.5 * square - (y * y + z * z)),
         }
     }
 }
@@ -417,10 +396,11 @@ pub(super) fn read_table(
     map: &ImportMap,
     path: &Path,
     take: &mut dyn FnMut(Row<'_>) -> Result<(), ImportError>,
-) -> Result<(), ImportError> {
-    let mut table = Table { map, path, take, held: Vec::new(), failed: None };
+) -> Result<ColumnsReport, ImportError> {
+    let columns = ColumnsReport::default();
+    let mut table = Table { map, path, take, held: Vec::new(), places: Vec::new(), columns, failed: None };
     scan(path, Format::Parquet, &mut table)?;
-    table.failed.map_or(Ok(()), Err)
+    table.failed.map_or(Ok(table.columns), Err)
 }
 
 struct Table<'a> {
@@ -428,6 +408,9 @@ struct Table<'a> {
     path: &'a Path,
     take: &'a mut dyn FnMut(Row<'_>) -> Result<(), ImportError>,
     held: Vec<Held>,
+    /// As [`find_columns`] found them.
+    places: Vec<Option<usize>>,
+    columns: ColumnsReport,
     failed: Option<ImportError>,
 }
 
@@ -435,7 +418,12 @@ impl Visitor for Table<'_> {
     fn topic(&mut self, topic: &Topic) -> Option<Vec<usize>> {
         let columns: Vec<String> = topic.fields.iter().map(|field| field.name.clone()).collect();
         match find_columns(self.map, self.path, &columns) {
-            Ok(places) => Some(places),
+            Ok(places) => {
+                let wanted = places.iter().copied().flatten().collect();
+                self.places = places;
+                self.columns = ColumnsReport::new(self.map, columns);
+                Some(wanted)
+            }
             Err(error) => {
                 self.failed = Some(error);
                 None
@@ -446,31 +434,13 @@ impl Visitor for Table<'_> {
     fn sample(&mut self, sample: Sample<'_>) -> ControlFlow<()> {
         let mut held = mem::take(&mut self.held);
         held.clear();
-        held.extend(sample.cells.iter().map(|cell| Held { value: Value::of(cell), is_new: true }));
+        let mut cells = sample.cells.iter();
+        held.extend(self.places.iter().map(|place| {
+            let cell = place.and_then(|_| cells.next());
+            Held { value: cell.map_or(Value::Absent, Value::of), is_new: true }
+        }));
         self.failed = (self.take)(Row::of_cells(&held, sample.line, None)).err();
         self.held = held;
         if self.failed.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn angles_of_a_quaternion_are_those_it_was_made_of() {
-        let (roll, pitch, yaw) = (0.3_f64, -0.4_f64, 2.5_f64);
-        let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| (angle / 2.0).sin_cos());
-        let q = [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ];
-        for q in [q, q.map(|part| part * -1.01)] {
-            for (angle, expected) in [(Angle::Roll, roll), (Angle::Pitch, pitch), (Angle::Yaw, yaw)] {
-                assert!((angle.of(q) - expected).abs() < 1e-12, "{angle:?}: {}", angle.of(q));
-            }
-        }
     }
 }
