@@ -256,3 +256,25 @@ fn what_tells_nothing_is_refused_in_words() {
     };
     assert!(far.to_string().contains("thrust_hover"), "{far}");
 }
+
+#[test]
+fn errors_that_follow_one_another_are_seen_in_the_innovations() {
+    let prior = virtual_rig();
+    let flights = fly(&prior, 0..4, &MISSIONS);
+    let own = identify_flights(&tracks(&flights, &prior), &prior).unwrap();
+    assert!(own.is_white(), "{}", own.autocorrelation);
+    // As an estimator on board errs: 8 mm, remembered for 0.3 s, a frame each 0.033 s.
+    let kept = (-0.033_f64 / 0.3).exp();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut wandering = flights;
+    for flight in &mut wandering {
+        let mut error_m = 0.0;
+        for position in &mut flight.positions {
+            let normal: f64 = rng.sample(StandardNormal);
+            error_m = kept * error_m + 0.008 * (1.0 - kept * kept).sqrt() * normal;
+            position.position_m[2] += error_m;
+        }
+    }
+    let followed = identify_flights(&tracks(&wandering, &prior), &prior).unwrap();
+    assert!(!followed.is_white(), "{}", followed.autocorrelation);
+}
