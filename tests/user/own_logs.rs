@@ -242,5 +242,5 @@ fn bench_data_two_folders_of_real_flights_go_in_and_a_cause_comes_out() {
     let control = run(&of("--map nanobench"));
     let laws: Vec<&str> =
         control["laws"].as_array().unwrap().iter().map(|law| law["name"].as_str().unwrap()).collect();
-    assert!(laws.contains(&"tilt-loss") && laws.iter().any(|law| law.ends_with("-lag")), "{laws:?}");
+    assert!(laws.contains(&"tilt-loss") && laws.iter().any(|law| law.starts_with("battery-")), "{laws:?}");
 }
