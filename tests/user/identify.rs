@@ -107,6 +107,9 @@ fn flights_that_were_fine_are_the_model_that_others_are_held_against() {
     let mut control = bench(["diagnose", "--nominal"]);
     let words = stdout(&control.args(&good).assert().success());
     assert!(words.contains("nominal against nominal: `none` in 4 of 4"), "{words}");
+    let mut both = bench(["diagnose", "--nominal"]);
+    both.args(&good).arg("--test").args(&good[..1]);
+    assert!(refused(both, 2).contains("among the nominal flights"));
     let mut few = bench(["diagnose", "--nominal"]);
     few.args(&good[..3]);
     let words = refused(few, 2);

@@ -88,8 +88,9 @@ fn a_model_that_cannot_be_one_is_refused() {
     let rig = logs::rig(&scratch);
     flown(&scratch, &rig, "sim", &["hop", "climb-040"], 1, &[]);
     let of = |name: &str| scratch.path("page").join(name).to_str().unwrap().to_owned();
-    let (one, two) = (of("sim-1.ulg"), of("sim-2.ulg"));
-    let words = refused(bench(["diagnose", &one, "--model", &one, &two]), 2);
+    let (one, two, test) = (of("sim-1.ulg"), of("sim-2.ulg"), of("test.ulg"));
+    fs::copy(&one, &test).unwrap();
+    let words = refused(bench(["diagnose", &test, "--model", &one, &two]), 2);
     assert!(words.contains("no model of the nominal flights") && words.contains("at least 3"), "{words}");
     // A rig whose throttle is in another unit is no model of a log.
     let words = refused(bench(["diagnose", "--rig", "virtual", &one]), 2);

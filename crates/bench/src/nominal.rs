@@ -104,9 +104,11 @@ fn white_period_s(
     prior: &Rig,
     progress: &Progress,
 ) -> anyhow::Result<Option<f64>> {
-    let Some(rows_s) = tracks.iter().filter_map(|track| track.dense_s).reduce(f64::max) else {
+    // Rows of one time tell nothing.
+    let rows_s = tracks.iter().filter_map(|track| track.dense_s).fold(0.0, f64::max);
+    if rows_s <= 0.0 {
         return Ok(None);
-    };
+    }
     let mut rig = prior.clone();
     let periods_s =
         (0..).map(|k| rows_s * f64::from(1 << k)).take_while(|period_s| *period_s <= LONGEST_PERIOD_S);

@@ -191,6 +191,14 @@ impl Made {
         if tests.is_empty() {
             bail!("no flights to be held against the nominal ones: name them with --test");
         }
+        if let Some(both) =
+            tests.iter().find(|test| arguments.nominal.iter().any(|nominal| is_same_file(test, nominal)))
+        {
+            bail!(
+                "{} is among the nominal flights and among those to be held against them: a model says nothing of a flight that made it",
+                both.display()
+            );
+        }
         let selection = &arguments.selection;
         let (prepared, model) = if arguments.nominal.is_empty() {
             (Prepared::read(&tests, selection, &arguments.rig)?, None)
@@ -312,6 +320,10 @@ impl Prepared {
         warnings.extend(unused_motion(&tracks, &rig));
         Ok(Self { rig, from: nominal.from, tracks, flown, warnings })
     }
+}
+
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
 /// Where a drafted rig comes from, in words.
