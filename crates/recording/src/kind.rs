@@ -281,7 +281,7 @@ impl FileKind {
         Some(match self {
             Self::OwnTable(_) | Self::Csv | Self::Text | Self::Parquet => return None,
             Self::Ulog | Self::Dataflash | Self::Blackbox | Self::Crazyflie => {
-                "leave out --map, for `bench import` has maps for it, or name a map whose `log` is of this kind".to_owned()
+                "leave out --map and --guess, for `bench import` has maps for it, or name a map whose `log` is of this kind".to_owned()
             }
             Self::Empty => "expected a CSV file whose first line names the columns".to_owned(),
             Self::Mcap => {
