@@ -177,7 +177,9 @@ def diagnose(
     flights: Paths,
     *,
     rig: Optional[Path] = None,
+    nominal: Paths = (),
     model: Paths = (),
+    map: Optional[Path] = None,
     above: Optional[float] = None,
     without: Union[str, Iterable[str]] = (),
     min_confidence: Optional[float] = None,
@@ -193,13 +195,14 @@ def diagnose(
     """Says where the gap between model and flights lies and which effect causes it (`bench diagnose`).
 
     `["verdict"]` is `effect`, `none`, `unknown` or `inconclusive`; `["leading"]` and `["confidence"]` tell what leads and how sure it is.
-    `plot` draws it.
+    `plot` draws it. Flights that were fine may be the model (`nominal`; `model` is another name): docs/your-flights.md.
     """
     return _called(
         ["diagnose"],
         *_several(flights),
         rig=rig,
-        model=_several(model),
+        nominal=[*_several(nominal), *_several(model)],
+        map=map,
         above=above,
         without=_several(without),
         min_confidence=min_confidence,
