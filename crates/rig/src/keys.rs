@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn every_number_has_a_unit_in_its_key_or_is_known_to_have_none() {
-        const PURE: [&str; 9] = [
+        const PURE: [&str; 10] = [
             "multiplier",
             "k",
             "p1",
@@ -425,6 +425,7 @@ mod tests {
             "thrust_to_weight",
             "chirp_amplitude",
             "overruns_max",
+            "nats_per_measurement",
         ];
         let mut keys = Vec::new();
         for forms in [Rig::keys(), Airframe::keys(), Mission::keys(), Calibration::keys()] {
