@@ -62,7 +62,7 @@ const LACKING: &[(&str, &str)] = &[
     ("sim -o new.mcap --export new.xlsx", "exchange"),
     ("export plain.mcap -o new.parquet", "exchange"),
     ("diagnose log.ulg --rig virtual", "exchange"),
-    ("diagnose plain.mcap --model plain.mcap plain.mcap plain.mcap", "exchange"),
+    ("diagnose plain.mcap --nominal log.ulg", "exchange"),
     ("diagnose plain.mcap --calibrate", "studies"),
 ];
 
