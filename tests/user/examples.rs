@@ -21,6 +21,9 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("--foxglove", "needs a program built with a server for Foxglove; tests/user/foxglove.rs is its viewer"),
     ("sudo bench udev --install", "changes the system; tests/user/packaging.rs installs into another folder"),
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
+    ("--map crazypad --above", "needs published flights; tests/user/own_logs.rs runs it where they are"),
+    ("--map nanobench --rig", "needs published flights; tests/user/own_logs.rs runs it where they are"),
+    ("--nominal nominal-*.ulg", "needs logs of whole flights; tests/user/own_logs.rs diagnoses such"),
     (
         "--model sim-*.ulg --test real-*.ulg",
         "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it",
