@@ -23,7 +23,6 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("--kinect 0", "needs a Kinect; tests/user/hil/usb.rs has an emulated one"),
     ("--map crazypad --above", "needs published flights; tests/user/own_logs.rs runs it where they are"),
     ("--map nanobench --rig", "needs published flights; tests/user/own_logs.rs runs it where they are"),
-    ("--nominal nominal-*.ulg", "needs logs of whole flights; tests/user/own_logs.rs diagnoses such"),
     (
         "--model sim-*.ulg --test real-*.ulg",
         "needs logs of whole flights; tests/user/own_logs.rs flies them and runs it",
