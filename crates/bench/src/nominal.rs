@@ -48,9 +48,8 @@ impl NominalModel {
         let mut prior = prior.clone();
         let frame_period_s = prior.tracker.frame_period_s;
         let (mut tracks, unused) = selection.tracks(flights, &prior, |_, _| ())?;
-        if let Some(period_s) = white_period_s(flights, &tracks, selection, &prior, progress)? {
-            prior.tracker.frame_period_s = period_s;
-            tracks = selection.tracks(flights, &prior, |_, _| ())?.0;
+        if let Some(white) = with_white_period(flights, &tracks, selection, &prior, progress)? {
+            (prior, tracks) = white;
         }
         let count = words::count(tracks.len() as u64, "flight");
         progress.begin_untold(&format!("fitting the rig and its laws to {count}"));
@@ -67,9 +66,11 @@ impl NominalModel {
                 found.blocks.len()
             ));
             // When they were exposed is reckoned by the latency of the model that they are held against.
-            let (seen_by_model, _) = selection.tracks(flights, rig, |_, _| ())?;
-            let is_left_out = |track: &Track| tracks[own.clone()].iter().any(|own| own.name == track.name);
-            let left_out: Vec<Track> = seen_by_model.into_iter().filter(is_left_out).collect();
+            let is_left_out = |path: &&PathBuf| {
+                tracks[own.clone()].iter().any(|own| own.name == path.display().to_string())
+            };
+            let left_out: Vec<PathBuf> = flights.iter().filter(is_left_out).cloned().collect();
+            let (left_out, _) = selection.tracks(&left_out, rig, |_, _| ())?;
             if !left_out.is_empty() {
                 control.push(Fold::of(&Problem::new(&left_out, rig), &Calibration::built_in()));
             }
@@ -95,15 +96,15 @@ impl NominalModel {
 /// Errors of measurements that are further apart are no matter of the tracker, s.
 const LONGEST_PERIOD_S: f64 = 1.0;
 
-/// How far apart the rows of a log must be for their errors not to follow one another: twice as far again until the innovations are white.
-/// `None` where the rows are the tracker's own frames, and where they are never white.
-fn white_period_s(
+/// The rig with the time that rows of a log must be apart for their errors not to follow one another, and the flights as it sees them: twice
+/// as far again until the innovations are white. `None` where the rows are the tracker's own frames, and where they are never white.
+fn with_white_period(
     flights: &[PathBuf],
     tracks: &[Track],
     selection: &Selection,
     prior: &Rig,
     progress: &Progress,
-) -> anyhow::Result<Option<f64>> {
+) -> anyhow::Result<Option<(Rig, Vec<Track>)>> {
     // Rows of one time tell nothing.
     let rows_s = tracks.iter().filter_map(|track| track.dense_s).fold(0.0, f64::max);
     if rows_s <= 0.0 {
@@ -121,7 +122,7 @@ fn white_period_s(
         let (tracks, _) = selection.tracks(flights, &rig, |_, _| ())?;
         // What is wrong with the flights is told by the identification that follows.
         if identify_flights(&tracks, &rig).is_ok_and(|found| found.is_white()) {
-            return Ok(Some(period_s));
+            return Ok(Some((rig, tracks)));
         }
     }
     Ok(None)
@@ -130,6 +131,11 @@ fn white_period_s(
 /// File names without folders.
 fn named<'a>(flights: impl Iterator<Item = &'a str>) -> String {
     flights.map(words::file_name).collect::<Vec<_>>().join(", ")
+}
+
+/// What belongs to a model and how it does on nominal flights, in lines.
+pub fn in_words(laws: &[NominalLaw], control: &[Fold]) -> Vec<String> {
+    [laws_in_words(laws), control_in_words(control)].concat()
 }
 
 /// Laws in words, such as `tilt-loss: fraction = 0.65`.

@@ -75,8 +75,9 @@ pub fn command() -> String {
 }
 
 /// The name of a file without its folder.
-pub fn file_name(path: &str) -> String {
-    Path::new(path).file_name().map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
+pub fn file_name(path: impl AsRef<Path>) -> String {
+    let path = path.as_ref();
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 /// Four digits at most, as plain as they can be.

@@ -499,7 +499,9 @@ fn hypotheses(problem: &Problem<'_>, search: &Search, direct: &Direct, crowd: f6
 fn nominal_gain(problem: &Problem<'_>, names: &[&str]) -> f64 {
     let holds = |told: &HeldOut| told.hypothesis.split('+').all(|name| names.contains(&name));
     let told = problem.rig.held_out.iter().filter(|told| holds(told)).map(|told| told.nats_per_measurement);
-    told.fold(0.0, f64::max) * problem.counted() as f64
+    let most = told.fold(0.0, f64::max);
+    // Most rigs tell none, and counting goes through all measurements.
+    if most > 0.0 { most * problem.counted() as f64 } else { 0.0 }
 }
 
 /// How often there are many flights: what each leaves, however little, they leave together, and so much more is forgiven.

@@ -9,6 +9,7 @@ use std::ops::Range;
 
 use bench_filter::{PerNumber, Point, RigNumber, Track};
 use bench_rig::Rig;
+use statrs::statistics::Statistics as _;
 
 use crate::flight::{FlightIdentification, identify_flights};
 
@@ -72,14 +73,11 @@ pub fn hold_out(
 /// One sigma of a number between blocks: without a block of `k`, the mean of all moves by a `k - 1`th of what the block is off it.
 /// 0 of less than two.
 fn between_blocks(without: &[Rig], number: RigNumber) -> f64 {
-    let values: Vec<f64> = without.iter().map(|rig| Point::nominal(rig).0.nuisances[number]).collect();
-    let n = values.len() as f64;
-    if values.len() < 2 {
+    if without.len() < 2 {
         return 0.0;
     }
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (n - 1.0) * variance.sqrt()
+    let values = without.iter().map(|rig| Point::nominal(rig).0.nuisances[number]);
+    (without.len() - 1) as f64 * values.std_dev()
 }
 
 /// Widens the tolerance of a number that has one.

@@ -362,25 +362,15 @@ impl Visitor for Collector {
     fn tables<T>(
         &mut self,
         key: &str,
+        least: usize,
         meaning: &str,
         _: &mut Vec<T>,
         blank: impl Fn() -> T,
         visit: impl Fn(&mut T, &mut Self),
     ) {
         let forms = self.inside(key, |collector| visit(&mut blank(), collector));
-        self.add(key, meaning, Presence::Required, Kind::Tables(forms, 1));
-    }
-
-    fn maybe_tables<T>(
-        &mut self,
-        key: &str,
-        meaning: &str,
-        _: &mut Vec<T>,
-        blank: impl Fn() -> T,
-        visit: impl Fn(&mut T, &mut Self),
-    ) {
-        let forms = self.inside(key, |collector| visit(&mut blank(), collector));
-        self.add(key, meaning, Presence::Optional, Kind::Tables(forms, 0));
+        let presence = if least > 0 { Presence::Required } else { Presence::Optional };
+        self.add(key, meaning, presence, Kind::Tables(forms, least));
     }
 
     fn along(&mut self, key: &str, _: bool, visit: impl FnOnce(&mut Self)) {

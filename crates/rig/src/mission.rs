@@ -196,6 +196,7 @@ impl Mission {
         });
         v.tables(
             "phase",
+            1,
             "What is done one after another.",
             &mut self.phases,
             || PhasePlan { action: PhaseAction::Idle, duration_s: 0.0 },

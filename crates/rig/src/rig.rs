@@ -466,8 +466,9 @@ impl Rig {
              flight`).",
             |v| self.disturbance.visit(v),
         );
-        v.maybe_tables(
+        v.tables(
             "held_out",
+            0,
             "What a hypothesis gained on nominal flights that were held against the model of the \
              other ones (`bench identify flight`); the diagnosis counts only what is beyond.",
             &mut self.held_out,

@@ -113,19 +113,11 @@ pub trait Visitor {
     fn table(&mut self, key: &str, meaning: &str, visit: impl FnOnce(&mut Self));
     /// An optional table: not visited where it is absent, not written where nothing stands in it.
     fn maybe_table(&mut self, key: &str, meaning: &str, visit: impl FnOnce(&mut Self));
-    /// Tables, one at least, each written as `[[key]]`: each begins as what `blank` gives.
+    /// Tables, so many at least (none or one), each written as `[[key]]`: each begins as what `blank` gives.
     fn tables<T>(
         &mut self,
         key: &str,
-        meaning: &str,
-        items: &mut Vec<T>,
-        blank: impl Fn() -> T,
-        visit: impl Fn(&mut T, &mut Self),
-    );
-    /// The same, and there may be none.
-    fn maybe_tables<T>(
-        &mut self,
-        key: &str,
+        least: usize,
         meaning: &str,
         items: &mut Vec<T>,
         blank: impl Fn() -> T,
@@ -632,23 +624,13 @@ impl Visitor for Reader<'_, '_> {
     fn tables<T>(
         &mut self,
         key: &str,
+        least: usize,
         _: &str,
         items: &mut Vec<T>,
         blank: impl Fn() -> T,
         visit: impl Fn(&mut T, &mut Self),
     ) {
-        self.tables(key, items, blank, visit);
-    }
-
-    fn maybe_tables<T>(
-        &mut self,
-        key: &str,
-        _: &str,
-        items: &mut Vec<T>,
-        blank: impl Fn() -> T,
-        visit: impl Fn(&mut T, &mut Self),
-    ) {
-        if self.has(key) {
+        if least > 0 || self.has(key) {
             self.tables(key, items, blank, visit);
         }
     }
@@ -777,6 +759,7 @@ impl Visitor for Writer {
     fn tables<T>(
         &mut self,
         key: &str,
+        _: usize,
         _: &str,
         items: &mut Vec<T>,
         _: impl Fn() -> T,
@@ -786,17 +769,6 @@ impl Visitor for Writer {
             self.element(key);
             visit(item, self);
         }
-    }
-
-    fn maybe_tables<T>(
-        &mut self,
-        key: &str,
-        meaning: &str,
-        items: &mut Vec<T>,
-        blank: impl Fn() -> T,
-        visit: impl Fn(&mut T, &mut Self),
-    ) {
-        self.tables(key, meaning, items, blank, visit);
     }
 
     fn along(&mut self, _: &str, given: bool, visit: impl FnOnce(&mut Self)) {

@@ -191,8 +191,9 @@ impl Made {
         if tests.is_empty() {
             bail!("no flights to be held against the nominal ones: name them with --test");
         }
-        if let Some(both) =
-            tests.iter().find(|test| arguments.nominal.iter().any(|nominal| is_same_file(test, nominal)))
+        if let Some(both) = tests
+            .iter()
+            .find(|test| arguments.nominal.iter().any(|nominal| files::is_same_file(test, nominal)))
         {
             bail!(
                 "{} is among the nominal flights and among those to be held against them: a model says nothing of a flight that made it",
@@ -322,13 +323,6 @@ impl Prepared {
     }
 }
 
-fn is_same_file(a: &Path, b: &Path) -> bool {
-    a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
-}
-
-/// Where a drafted rig comes from, in words.
-const DRAFT: &str = "a draft";
-
 /// The model that nominal flights make, from the rig named, the one that they carry, or a draft.
 fn nominal(
     flights: &[PathBuf],
@@ -339,19 +333,21 @@ fn nominal(
         let session = |path: &PathBuf| logs::session(path, selection.map());
         flights.iter().map(session).all(|session| session.is_ok_and(|session| session.rig_toml.is_some()))
     };
-    let prior = if rig.rig.is_some() || carry() {
-        rig.resolve(flights, selection.map())?
+    let given = rig.rig.is_some() || carry();
+    let (prior, remarks) = if given {
+        let Nominal { rig, remarks, .. } = rig.resolve(flights, selection.map())?;
+        (rig, remarks)
     } else {
-        draft(flights, selection)?
+        (draft(flights, selection)?, Vec::new())
     };
     let progress = Progress::of("diagnose");
-    let model = NominalModel::of(flights, selection, &prior.rig, &progress)?;
+    let model = NominalModel::of(flights, selection, &prior, &progress)?;
     drop(progress);
-    let mut remarks = [prior.remarks, model.found.warnings.clone()].concat();
+    let mut remarks = [remarks, model.found.warnings.clone()].concat();
     let left: Vec<&str> =
         model.found.numbers.iter().filter(|number| !number.identified).map(|number| number.name).collect();
     if !left.is_empty() {
-        let of = if prior.from == DRAFT { "as drafted" } else { "as before" };
+        let of = if given { "as before" } else { "as drafted" };
         remarks.push(format!("the nominal flights do not tell, and the model has {of}: {}", left.join(", ")));
     }
     let from = format!("the model of {}", words::count(model.found.flights.len() as u64, "nominal flight"));
@@ -391,7 +387,7 @@ fn control(arguments: &Arguments) -> anyhow::Result<Exit> {
 
 /// A rig drafted from flights of which nothing else is known.
 #[cfg(not(feature = "exchange"))]
-fn draft(_: &[PathBuf], _: &Selection) -> anyhow::Result<Nominal> {
+fn draft(_: &[PathBuf], _: &Selection) -> anyhow::Result<Rig> {
     Err(crate::left_out::left_out("the draft of a rig that --nominal wants without --rig", "exchange"))
 }
 

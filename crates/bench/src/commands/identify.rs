@@ -14,7 +14,7 @@ use crate::{
     commands::tracks::Selection,
     exit::Exit,
     files::{self, Form, Outputs},
-    nominal::{NominalModel, control_in_words, laws_in_words},
+    nominal::{self, NominalModel},
     progress::Progress,
     recorded::NominalRig,
     words,
@@ -283,7 +283,7 @@ fn in_words(model: &NominalModel, arguments: &FlightArguments) -> String {
         let _ = writeln!(out, "  {:<26} {:>24} {:>24}  {spread}", number.name, pair(number.before), after);
     }
     out.push('\n');
-    for line in laws_in_words(&found.laws).into_iter().chain(control_in_words(control)) {
+    for line in nominal::in_words(&found.laws, control) {
         let _ = writeln!(out, "  {line}");
     }
     let [before, after] = found.tracker_noise_m;

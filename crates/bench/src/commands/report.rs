@@ -1,4 +1,4 @@
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use bench_identification::Tolerance;
@@ -98,7 +98,7 @@ fn further(arguments: &Arguments) -> anyhow::Result<Vec<Section>> {
     let recordings = &arguments.recordings;
     let mut sections = Vec::new();
     if let ([a, b], true) = (recordings.as_slice(), arguments.diff) {
-        let title = format!("Difference: {} and {}", name(a), name(b));
+        let title = format!("Difference: {} and {}", words::file_name(a), words::file_name(b));
         sections.push(part("--diff", &title, || {
             let report = compared(a, b, DiffOptions::default())?;
             Ok((html_verdict(&report), html_sections(&report)))
@@ -144,8 +144,4 @@ fn is_of_damage(error: &anyhow::Error) -> bool {
         matches!(error, RecordingError::Unfinished { .. } | RecordingError::Damaged { .. })
     };
     error.chain().filter_map(|cause| cause.downcast_ref()).any(not_whole)
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

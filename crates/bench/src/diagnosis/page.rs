@@ -17,10 +17,7 @@ use super::{
     report::{Conclusion, Report},
     told,
 };
-use crate::{
-    nominal::{control_in_words, laws_in_words},
-    words,
-};
+use crate::{nominal, words};
 
 /// Colours of the levels of the gap: the rig as it is, re-fitted, with the effect, the floor.
 const LEVELS: [usize; 4] = [5, 4, 0, 2];
@@ -53,8 +50,7 @@ pub fn verdict(report: &Report, rig: &Rig) -> PageVerdict {
         @if !alike.is_empty() { p { "These flights cannot tell it from: " (alike.join(", ")) "." } }
         (tiles(report))
         @if let Some(model) = &report.model {
-            @let lines: Vec<String> =
-                laws_in_words(&model.laws).into_iter().chain(control_in_words(&model.control)).collect();
+            @let lines = nominal::in_words(&model.laws, &model.control);
             (parts::block("The model", &words::count(model.flights.len() as u64, "nominal flight"), parts::list(&lines)))
         }
         (parts::warnings(&diagnosis.warnings))

@@ -10,10 +10,7 @@ use super::{
     report::{Conclusion, Report},
     told,
 };
-use crate::{
-    nominal::{control_in_words, laws_in_words},
-    words,
-};
+use crate::{nominal, words};
 
 /// Most lines of a kind, so that all stays on one screen.
 const MOST: usize = 3;
@@ -102,7 +99,7 @@ fn what(out: &mut String, report: &Report) {
 fn model(out: &mut String, report: &Report) {
     let Some(model) = &report.model else { return };
     let _ = writeln!(out, "\nModel: from {}", words::count(model.flights.len() as u64, "nominal flight"));
-    for line in laws_in_words(&model.laws).into_iter().chain(control_in_words(&model.control)) {
+    for line in nominal::in_words(&model.laws, &model.control) {
         let _ = writeln!(out, "  {line}");
     }
 }

@@ -49,8 +49,7 @@ impl Flown {
 
     /// The file's name.
     pub fn name(&self) -> String {
-        let name = self.path.file_name().unwrap_or(self.path.as_os_str());
-        name.to_string_lossy().into_owned()
+        words::file_name(&self.path)
     }
 
     /// What should be known of how whole the recording is.

@@ -1,6 +1,6 @@
 //! Flight by flight: how well it is predicted, what was seen, and what pulls at it.
 
-use std::{collections::HashSet, path::Path};
+use std::collections::HashSet;
 
 use bench_diagnosis::{Diagnosis, FlightGap, Trace};
 use bench_inference::Consistency;
@@ -12,6 +12,7 @@ use bench_page::{
 use maud::{Markup, html};
 
 use super::{FOUND, PULL, told};
+use crate::words;
 
 /// Most flights that are drawn: a page of more would be too large to open.
 const DRAWN: usize = 24;
@@ -33,10 +34,8 @@ pub(super) fn section(diagnosis: &Diagnosis) -> Section {
 
 /// File names where they tell flights apart, else names in full.
 fn short_names(names: &[&str]) -> impl Fn(&str) -> String + use<> {
-    let file =
-        |name: &str| Path::new(name).file_name().map_or(name.into(), |f| f.to_string_lossy().into_owned());
-    let apart = names.iter().map(|name| file(name)).collect::<HashSet<_>>().len() == names.len();
-    move |name| if apart { file(name) } else { name.to_owned() }
+    let apart = names.iter().map(words::file_name).collect::<HashSet<_>>().len() == names.len();
+    move |name| if apart { words::file_name(name) } else { name.to_owned() }
 }
 
 fn consistency(flights: &[FlightGap], short: &impl Fn(&str) -> String) -> Markup {
