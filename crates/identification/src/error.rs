@@ -68,6 +68,28 @@ pub enum IdentifyError {
     /// Numbers far beyond their tolerances.
     #[error("the rig contradicts the flights by far:{}; widen the tolerances that are too narrow, or check the recordings", listed(.0))]
     Contradicts(Vec<Contradiction>),
+    /// No model carries the weight at a throttle that is far from all that were flown.
+    #[error(
+        "by these numbers it hovers at {hover:.4} {unit}, and no throttle outside {low:.4} to {high:.4} was flown in the air: what carries the weight is thereby guessed; widen the tolerances of thrust gain and offset, check the mass and that the column is what the motors got, or fly a hover"
+    )]
+    HoverNeverFlown {
+        /// Throttle that carries the weight.
+        hover: f64,
+        /// The lowest flown.
+        low: f64,
+        /// The highest flown.
+        high: f64,
+        /// The rig's unit.
+        unit: &'static str,
+    },
+    /// What each flight keeps for itself is too much for one airframe in one condition.
+    #[error(
+        "each flight keeps an acceleration of its own of {trim_m_s2:.1} m/s^2 (one sigma; a tenth of gravity is the most): these are not flights of one airframe in one condition, or tolerances of thrust are too narrow; widen those, give the battery's voltage, or sort the flights by battery and load"
+    )]
+    Trim {
+        /// One sigma over flights.
+        trim_m_s2: f64,
+    },
     /// The fit explains next to nothing.
     #[error(
         "the model does not describe these flights: what it leaves is an acceleration of {turbulence_m_s2:.1} m/s^2 and measurements off by {measurement_m:.3} m (one sigma), {outlier_percent:.0} % of them wrong; are they vertical flights of one airframe? Stretches near the ground can be left out with --above, a channel that is another signal with --without"

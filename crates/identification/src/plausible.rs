@@ -27,6 +27,8 @@ const FAR_SIGMAS: f64 = 5.0;
 const MOST_TURBULENCE: f64 = 0.2 * GRAVITY_M_S2;
 const MOST_MEASUREMENT_M: f64 = 0.1;
 const MOST_OUTLIERS: f64 = 0.1;
+/// What flights may keep, each for itself: beyond a tenth of gravity they are not of one airframe in one condition.
+const MOST_TRIM: f64 = 0.1 * GRAVITY_M_S2;
 
 /// Refuses altitudes that no flight of a rig reaches: those of another unit.
 pub fn plausible_altitude(track: &Track, rig: &Rig) -> Result<(), IdentifyError> {
@@ -122,6 +124,10 @@ pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
             outlier_percent: 100.0 * noise.outlier_probability,
         });
     }
+    if noise.trim > MOST_TRIM {
+        return Err(IdentifyError::Trim { trim_m_s2: noise.trim });
+    }
+    hover_was_flown(problem, fit)?;
     let names = Point::names(problem.rig);
     let far: Vec<Contradiction> = problem
         .uncertain()
@@ -132,4 +138,23 @@ pub fn after(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
         .filter(|number| number.sigmas.abs() > FAR_SIGMAS)
         .collect();
     if far.is_empty() { Ok(()) } else { Err(IdentifyError::Contradicts(far)) }
+}
+
+/// Refuses a throttle that carries the weight and was never near: over a flight thrust carries the weight on average, so it lies between
+/// the lowest and the highest throttle in the air, whatever the law.
+fn hover_was_flown(problem: &Problem<'_>, fit: &Fit) -> Result<(), IdentifyError> {
+    let thrust = &problem.rig.airframe.thrust;
+    let n = &fit.point.nuisances;
+    let hover = if thrust.hover_sigma.is_some() {
+        n[RigNumber::ThrustGain]
+    } else {
+        n[RigNumber::ThrustOffset] + n[RigNumber::Mass] * GRAVITY_M_S2 / n[RigNumber::ThrustGain]
+    };
+    let flown = problem.tracks.iter().flat_map(|track| airborne_throttles(track, AIRBORNE_M));
+    let (low, high) = flown.fold((f64::MAX, f64::MIN), |(low, high), u| (low.min(u), high.max(u)));
+    if low > high || (low..=high).contains(&hover) {
+        return Ok(());
+    }
+    let unit = problem.rig.airframe.actuation.unit();
+    Err(IdentifyError::HoverNeverFlown { hover, low, high, unit })
 }

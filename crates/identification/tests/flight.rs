@@ -65,6 +65,40 @@ fn flights_out_of_the_ground_effect_leave_it_as_it_was() {
 }
 
 #[test]
+fn a_hover_that_was_never_flown_is_refused() {
+    let real = virtual_rig();
+    let mut prior = real.clone();
+    // By these exact numbers it hovers a tenth above where it was flown, and nothing but each flight's own acceleration can make up for it.
+    let exact = |value: f64| Uncertain { value, sigma: 0.0 };
+    prior.airframe.thrust.gain_n_per_unit = exact(0.8 * real.airframe.thrust.gain_n_per_unit.value);
+    prior.airframe.thrust.offset = exact(real.airframe.thrust.offset.value);
+    let flights = tracks(&fly(&real, 0..3, &["climb-040"]), &prior);
+    let error = identify_flights(&flights, &prior).unwrap_err();
+    assert!(matches!(error, IdentifyError::HoverNeverFlown { .. } | IdentifyError::Trim { .. }), "{error}");
+}
+
+#[test]
+fn flights_that_each_keep_a_load_of_their_own_are_refused() {
+    let real = virtual_rig();
+    let mut prior = real.clone();
+    prior.airframe.thrust.gain_n_per_unit.sigma = 0.0;
+    prior.airframe.thrust.offset.sigma = 0.0;
+    let flights: Vec<Flight> = [0.8, 1.0, 1.25, 0.82, 1.2]
+        .iter()
+        .enumerate()
+        .map(|(i, factor)| {
+            let mut loaded = real.clone();
+            loaded.airframe.mass_kg.value *= factor;
+            record(&loaded, MISSIONS[i % 3], i as u64)
+        })
+        .collect();
+    let error = identify_flights(&tracks(&flights, &prior), &prior).unwrap_err();
+    let IdentifyError::Trim { trim_m_s2 } = error else { panic!("{error}") };
+    // Loads differ by a fifth of the weight, one sigma.
+    assert!((1.0..4.0).contains(&trim_m_s2), "{trim_m_s2}");
+}
+
+#[test]
 fn the_tolerance_of_the_hover_covers_flights_that_differ() {
     let prior = virtual_rig();
     // Each flight on another battery: the gain differs by 2 %.
