@@ -19,7 +19,7 @@ use crate::files;
 use learn::learn;
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
-const GENERATION: u32 = 10;
+const GENERATION: u32 = 11;
 
 /// The missions that recordings carry. Flights without one (imported logs) are stood for by the others, or by the missions of
 /// the blind check.
@@ -121,16 +121,8 @@ impl Kept {
                 kept.generation
             );
         }
-        let c = &kept.calibration;
-        let shares = [c.doubt, c.hidden_first, c.hidden_unknown, c.hidden_second];
-        if !(c.temperature > 0.0
-            && c.none_power > 0.0
-            && shares.iter().all(|share| (0.0..=1.0).contains(share)))
-        {
-            bail!(
-                "{} is damaged: a share is not from 0 to 1, or a temperature not above 0; {advice}",
-                path.display()
-            );
+        if !kept.calibration.is_sound() {
+            bail!("{} is damaged: a share is not from 0 to 1, or a weight no number; {advice}", path.display());
         }
         Ok(kept)
     }

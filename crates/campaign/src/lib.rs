@@ -35,7 +35,7 @@ pub use error::CampaignError;
 pub use execute::{Executed, Keep, Shard, Step, execute};
 pub use file::{Airframes, Diagnosing, EffectPlan, Kind, PlanFile, Seeds, Variant};
 pub use keys::sweep_keys;
-pub use learn::{LEAST_SETS, Learning, learn};
+pub use learn::{LEAST_SETS, learn};
 pub use perform::{Done, Outcome, columns, perform};
 pub use plan::{FlightRun, Library, Plan, Run, Unfound, Work};
 pub use record::record;

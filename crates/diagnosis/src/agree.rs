@@ -1,7 +1,7 @@
 //! Whether flights are of one condition: what each by itself says of the leading hypothesis' parameters and of the rig's numbers.
 //!
 //! Near the fit to all, a flight's log-likelihood is a parabola with gradient `g` and information `F`: by itself it would have a
-//! number of the rig at `x + g/F`, with the variance `T/F`, `T` being the temperature that evidence is divided by. A parameter of an
+//! number of the rig at `x + g/F`, with the variance `T/F`, `T` being by how much measurements are less independent than the filter thinks. A parameter of an
 //! effect may be far from that of all, where no parabola holds: it is tried over a grid, all else held. Cochran's `Q` (The
 //! combination of estimates from different experiments, Biometrics 10, 1954) holds the spread of these against that variance and
 //! what may differ in one condition.
@@ -15,6 +15,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::diagnose::FORM_SIGMA;
 
+/// Measurements are not as independent as the filter thinks: variances of what a flight says are so many times as large.
+const DEPENDENCE: f64 = 2.8;
 /// Share of sets of flights of one condition that would be told apart, were the parabolas exact.
 const LEVEL: f64 = 1e-3;
 
@@ -85,7 +87,6 @@ pub fn disagreement(
     best: &Fit,
     simpler: &[&Fit],
     nameless: f64,
-    temperature: f64,
 ) -> Option<Disagreement> {
     let mut tried: Vec<Tried<'_>> = Vec::new();
     let mut all = 0;
@@ -93,7 +94,7 @@ pub fn disagreement(
         let added = best.log_evidence - fit.log_evidence + nameless;
         for (at, f) in fit.free.iter().enumerate() {
             let Some(ordinary) = ordinary_spread(fit, f) else { continue };
-            let says = says(problem, fit, at, temperature, ordinary);
+            let says = says(problem, fit, at, ordinary);
             if says.len() > 1 {
                 all += 1;
                 if says.iter().map(|s| s.nats).sum::<f64>() >= added {
@@ -136,7 +137,7 @@ fn ordinary_spread(fit: &Fit, f: &Free) -> Option<f64> {
     }
 }
 
-fn says(problem: &Problem<'_>, fit: &Fit, i: usize, temperature: f64, ordinary: f64) -> Vec<Says> {
+fn says(problem: &Problem<'_>, fit: &Fit, i: usize, ordinary: f64) -> Vec<Says> {
     let f = &fit.free[i];
     let of_flight = |flight: usize| {
         let (by, information) = match f.at {
@@ -147,7 +148,7 @@ fn says(problem: &Problem<'_>, fit: &Fit, i: usize, temperature: f64, ordinary: 
             }
             Coordinate::Effect { .. } => profile(problem, fit, f, flight)?,
         };
-        let variance = temperature / information + ordinary * ordinary;
+        let variance = DEPENDENCE / information + ordinary * ordinary;
         (information > 0.0 && by.is_finite() && variance.is_finite()).then_some(Says {
             flight,
             by,

@@ -48,7 +48,7 @@ impl Fold {
     /// Holds flights against a model that was made without them.
     pub fn of(problem: &Problem<'_>, calibration: &Calibration) -> Self {
         let analysis = Analysis::of(problem, calibration);
-        let Told { verdict, effects, probability, .. } = analysis.told();
+        let Told { verdict, effects, probability } = analysis.told();
         let leading = match verdict {
             Verdict::Effect => effects.join("+"),
             Verdict::None => NONE.to_owned(),
@@ -61,7 +61,7 @@ impl Fold {
             probability,
             gains: analysis
                 .weighed
-                .counted()
+                .gains()
                 .filter(|(_, nats)| *nats > LEAST_NATS)
                 .map(|(hypothesis, nats)| Gain { hypothesis, nats })
                 .collect(),

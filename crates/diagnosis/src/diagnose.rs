@@ -17,7 +17,8 @@ use crate::{
     next_flight::{NextFlight, close},
     stage::{StageShare, stages},
     trace::{Trace, traces},
-    weigh::{Grounds, Hypothesis, UNKNOWN, Weighed},
+    hypothesis::{Grounds, Hypothesis},
+    weigh::{UNKNOWN, Weighed},
 };
 
 /// What a diagnosis says: the evidence, and what it comes to. How sure it must be to be told is for those who report it, who put
@@ -43,6 +44,8 @@ pub struct Diagnosis {
     pub alternatives: Vec<Alternative>,
     /// What made probabilities of evidence.
     pub calibration: Calibration,
+    /// By what evidence was divided: 1, and more where more nats are at stake.
+    pub temperature: f64,
     /// Labels one of which is true with a probability of nine in ten or more: candidates' names, most probable first.
     pub set: Vec<String>,
     /// Effects that these flights cannot tell from a named one.
@@ -212,8 +215,6 @@ pub struct Place {
     pub unexplained_past: f64,
     /// The same of an acceleration that grows from flight to flight.
     pub unexplained_drift: f64,
-    /// The same of what lies along the quantities of a law that only fades.
-    pub unexplained_fading: f64,
     /// The same of a play of the thrust, which no readback shows.
     pub unexplained_play: f64,
     /// The same of thrust that is missing for moments.
@@ -305,7 +306,7 @@ impl Diagnosis {
             .filter(|fit| pair.len() == 2 && matches!(fit.effects().as_slice(), [one] if pair.contains(one)))
             .collect();
         let nameless = if verdict == Verdict::Unknown {
-            (weighed.unknown_gain - weighed.hypotheses[0].gain).max(0.0)
+            (weighed.unknown_gain - weighed.hypotheses[0].gain()).max(0.0)
         } else {
             0.0
         };
@@ -333,6 +334,7 @@ impl Diagnosis {
                 .map(|other| Alternative { name: other.name.clone(), probability: other.probability })
                 .collect(),
             calibration: calibration.clone(),
+            temperature: weighed.temperature,
             set,
             numbers: numbers(problem, null),
             numbers_with_effect: numbers(problem, best),
@@ -342,10 +344,10 @@ impl Diagnosis {
                 measurement_m: null.noise.measurement_m,
                 measurement_nominal_m: problem.noise.measurement_m,
             },
-            disagreement: disagreement(problem, best, &simpler, nameless, calibration.temperature),
+            disagreement: disagreement(problem, best, &simpler, nameless),
             ahead: ahead(problem, best),
             gap: gap(problem, null, best),
-            place: place(problem, top, weighed, search, direct),
+            place: place(problem, top, weighed, search),
             direct: direct.findings.clone(),
             traces: traces(problem, null),
             flights: problem
@@ -469,7 +471,7 @@ fn candidate(
         }));
     }
     let name = if effects.is_empty() { "none".to_owned() } else { effects.join("+") };
-    let (indices, evidence_gain) = (Some(h.effects.clone()), h.gain);
+    let (indices, evidence_gain) = (Some(h.effects.clone()), h.gain());
     Candidate { effects, indices, name, probability, evidence_gain, grounds: Some(h.grounds), parameters }
 }
 
@@ -514,7 +516,6 @@ fn place(
     top: &Candidate,
     weighed: &Weighed,
     search: &Search,
-    direct: &Direct,
 ) -> Place {
     let mut told: Vec<RegionTold> = weighed
         .on_null
@@ -552,12 +553,11 @@ fn place(
         frequencies_tried: weighed.waves_on_null.tried,
         unexplained: (on_best.ceiling - on_best.form).max(0.0),
         unexplained_frequency: Frequency { hz, gain },
-        unexplained_past: on_best.past,
-        unexplained_drift: on_best.drift,
-        unexplained_fading: on_best.fading,
-        unexplained_play: on_best.play,
-        unexplained_pulses: weighed.pulses,
-        unexplained_readback: direct.unexplained_pins,
+        unexplained_past: weighed.left.past,
+        unexplained_drift: weighed.left.drift,
+        unexplained_play: weighed.left.play,
+        unexplained_pulses: weighed.left.pulses,
+        unexplained_readback: weighed.left.readback,
     }
 }
 

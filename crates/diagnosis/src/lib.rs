@@ -7,7 +7,7 @@
 //!         -> next flight, rig with the effect: of the same Analysis
 //! ```
 //!
-//! `docs/diagnosis.md` has the flow and, under "What a probability is made of", what `weigh.rs` does in which order. Every key of the
+//! `docs/diagnosis.md` has the flow and, under "What a probability is made of", what `decision.rs` does. Every key of the
 //! output is in `docs/diagnosis-json.md`, and how the next flight is found in `docs/next-flight.md`.
 
 mod agree;
@@ -17,10 +17,13 @@ mod calibration;
 mod chain;
 mod control;
 mod cycle;
+mod decision;
 mod diagnose;
 mod direct;
 mod gap;
 mod groups;
+mod hypothesis;
+mod nameless;
 mod next_flight;
 mod readback;
 mod stage;
@@ -30,13 +33,15 @@ mod weigh;
 pub use agree::{Agreeing, Disagreement};
 pub use allowed::{Ahead, Off};
 pub use analysis::Analysis;
-pub use calibration::{Calibration, Outcome, Telling, Told, ToldByKind};
+pub use calibration::{Calibration, Told};
 pub use control::{Fold, Gain, held_out};
 pub use diagnose::{
     Alternative, Candidate, Diagnosis, FlightUsed, Frequency, Likeness, NoiseTold, Number, PLAIN_NATS,
     ParameterValue, Place, RegionTold, Verdict,
 };
 pub use direct::Finding;
+pub use hypothesis::Grounds;
+pub use nameless::Nameless;
 pub use gap::{Figure, FlightGap, Gap, KStep};
 pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
 pub use stage::StageShare;

@@ -16,7 +16,7 @@ mod profile;
 
 use arena::{Arena, Drop, Gain};
 
-use crate::{diagnose::Candidate, weigh::same};
+use crate::{diagnose::Candidate, hypothesis::same};
 
 /// A mission that tells two hypotheses apart, and what it is expected to bring.
 #[derive(Clone, Debug, Serialize)]

@@ -225,9 +225,11 @@ fn flights_that_bounce_in_the_ground_effect_leave_nothing_once_their_law_is_know
 
 #[test]
 fn two_effects_of_noise_are_both_named() {
-    let outliers = "tracker-outliers:probability=0.02,sigma_m=0.15";
-    // Under so much noise, outliers alone would explain nothing.
-    for other in ["gusts:sigma_m_s=0.6,correlation_time_s=0.8", "tracker-noise:sigma_m=0.012"] {
+    for (outliers, other) in [
+        ("tracker-outliers:probability=0.004,sigma_m=0.06", "gusts:sigma_m_s=0.8,correlation_time_s=0.8"),
+        // Under so much noise, outliers alone would explain nothing.
+        ("tracker-outliers:probability=0.02,sigma_m=0.15", "tracker-noise:sigma_m=0.012"),
+    ] {
         assert_both_named(outliers, other);
     }
 }
@@ -448,8 +450,10 @@ fn play_behind_the_output_is_backlash_even_where_it_is_less_than_a_step() {
             }
         }
         let said = told(&tracks, &rig);
-        assert!(said.effects.contains(&"actuator-backlash"), "{width}: {:#?}", &said.candidates[..2]);
-        let found = said.candidates[0].parameters.iter().find(|p| p.name == "width_fraction").unwrap();
+        // The motors had no play, only the readbacks: what flies beside them may be left without a name.
+        let named = said.candidates.iter().find(|candidate| !candidate.effects.is_empty()).unwrap();
+        assert!(named.effects.contains(&"actuator-backlash"), "{width}: {:#?}", &said.candidates[..2]);
+        let found = named.parameters.iter().find(|p| p.name == "width_fraction").unwrap();
         assert!((found.value / width - 1.0).abs() < 0.15, "{width}: {found:?}");
     }
 }

@@ -192,8 +192,14 @@ fn thrust_that_depends_on_where_the_airframe_was_seconds_ago_is_not_taken_for_gu
     assert!(is_unknown(&said), "{:#?}", said.candidates);
 }
 
+/// A cause that the library has in another form: nine tenths of it are explained, so that it may be that law or another.
+fn assert_in_doubt(said: &Diagnosis) {
+    let unknown = said.candidates.iter().find(|candidate| candidate.name == "unknown").unwrap();
+    assert!(unknown.probability > 0.15 && said.confidence < 0.85, "{:#?}", said.candidates);
+}
+
 #[test]
-fn a_law_that_must_bend_out_of_all_usual_forms_is_not_named() {
+fn a_law_that_must_bend_out_of_all_usual_forms_is_named_with_doubt() {
     // Motors that lose thrust once they are warm: a discharge would have to begin late, and then to grow fast.
     let said = diagnose(
         |_| rig(),
@@ -205,11 +211,11 @@ fn a_law_that_must_bend_out_of_all_usual_forms_is_not_named() {
             })
         },
     );
-    assert!(is_unknown(&said), "{:#?}", said.candidates);
+    assert_in_doubt(&said);
 }
 
 #[test]
-fn motors_that_fade_once_warm_are_no_battery() {
+fn motors_that_fade_once_warm_are_a_battery_with_doubt() {
     // Warm after ten seconds, and then no warmer: most of a discharge that ends early, but for how it begins.
     let said = diagnose(
         |_| rig(),
@@ -221,8 +227,7 @@ fn motors_that_fade_once_warm_are_no_battery() {
             })
         },
     );
-    assert!(is_unknown(&said), "{:#?}", said.candidates);
-    assert!(said.place.unexplained_fading > 5.0, "{:?}", said.place.unexplained_fading);
+    assert_in_doubt(&said);
 }
 
 #[test]

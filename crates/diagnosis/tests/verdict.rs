@@ -4,24 +4,20 @@
 mod flown;
 mod support;
 
-use bench_diagnosis::{Analysis, Calibration, Diagnosis, Telling, ToldByKind, Verdict};
+use bench_diagnosis::{Analysis, Calibration, Diagnosis, Verdict};
 use bench_filter::Track;
 use bench_inference::Problem;
 use bench_plant::effects::parse_effect;
 use flown::fly;
 use support::rig;
 
-/// Told as seen, more surely and less surely.
+/// As learnt, believing evidence less, and expecting other causes.
 fn calibrations() -> [Calibration; 3] {
-    let telling = |power: f64, ln_factor: f64| Telling { power, ln_factor };
-    let told = |none, single, pair| Calibration {
-        told: ToldByKind { none, single, pair },
-        ..Calibration::built_in()
-    };
+    let built_in = Calibration::built_in();
     [
-        Calibration::built_in(),
-        told(telling(1.2, -0.8), telling(1.3, 0.5), telling(1.1, 0.8)),
-        told(telling(0.6, 0.2), telling(0.5, -3.0), telling(0.5, -3.0)),
+        Calibration { misfit_share: 0.015, doubt: 0.2, ..built_in.clone() },
+        Calibration { ln_prior_none: 0.5, ..built_in.clone() },
+        built_in,
     ]
 }
 
@@ -60,11 +56,13 @@ fn the_verdict_alone_is_that_of_the_diagnosis() {
             assert!(sum > 0.98 && sum < 1.0 + 1e-9, "{sum}");
             leaders.push((told.verdict, told.effects, told.probability));
         }
-        let [seen, surer, less_sure] = leaders.try_into().unwrap();
-        assert_eq!((seen.0, &seen.1), (surer.0, &surer.1), "{effects:?}");
-        assert_eq!((seen.0, &seen.1), (less_sure.0, &less_sure.1), "{effects:?}");
+        let [doubting, expecting_none, seen] = leaders.try_into().unwrap();
+        assert_eq!((seen.0, &seen.1), (doubting.0, &doubting.1), "{effects:?}");
+        assert_eq!((seen.0, &seen.1), (expecting_none.0, &expecting_none.1), "{effects:?}");
         if seen.0 == Verdict::Effect {
-            assert!(surer.2 > seen.2 && less_sure.2 < seen.2, "{surer:?} {seen:?} {less_sure:?}");
+            assert!(doubting.2 < seen.2 && expecting_none.2 < seen.2, "{doubting:?} {expecting_none:?} {seen:?}");
+        } else {
+            assert!(expecting_none.2 > seen.2, "{expecting_none:?} {seen:?}");
         }
     }
 }

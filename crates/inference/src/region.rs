@@ -5,7 +5,7 @@
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
 use bench_filter::{
-    Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, is_random, run, run_for,
+    Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, run, run_for,
 };
 use bench_plant::effects::{Axis, LIBRARY};
 use bench_statistics::{evenly_in_log, ln_det};
@@ -36,8 +36,12 @@ pub struct Region {
 pub struct Regions {
     /// One a quantity, in the order of [`Axis::ALL`].
     pub axes: Vec<Region>,
-    /// Gain of log-evidence with all quantities of the moment free at once: what no known law may explain.
+    /// Gain of log-evidence with all quantities of the moment free at once: what no known law may explain. At the best prior width.
     pub ceiling: f64,
+    /// The same with the prior width integrated over, from 0.2 % to 20 % of gravity, evenly in its logarithm; may be below 0.
+    pub nameless: f64,
+    /// The same of widths up to 0.1 % of gravity: what the filter approximates, and any model of an airframe gets wrong.
+    pub slight: f64,
     /// The part of it that lies along the fitted effects' own quantities: their laws may be of another form.
     pub form: f64,
     /// Gain of log-evidence of an acceleration over the altitude of late; 0 where a law of the fit remembers that.
@@ -45,8 +49,6 @@ pub struct Regions {
     /// The same of an acceleration that grows from flight to flight, in the order in which they are given; 0 where a battery's
     /// charge is fitted, which may not have been made good between them.
     pub drift: f64,
-    /// What lies along the effects' own quantities, where the fit's one law only fades, of few forms that are fitted; else 0.
-    pub fading: f64,
     /// Gain of log-evidence of a play of the thrust; 0 where a law of the fit depends on changes of thrust, too.
     pub play: f64,
     /// Offsets of measurements over altitude, thrust and time, and a latency that grows: name and gain of log-evidence.
@@ -61,7 +63,7 @@ impl Regions {
 }
 
 /// Accelerations that swing, each flight with its own size and phase.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Waves {
     /// Frequency, Hz, and gain of log-evidence, lowest first.
     pub gains: Vec<(f64, f64)>,
@@ -82,17 +84,13 @@ pub fn own_axes(effect: usize) -> &'static [Axis] {
     LIBRARY[effect].signature.axes
 }
 
-/// Whether the one law of a fit, beside noise, is one that only fades.
-fn only_fading(fit: &Fit) -> bool {
-    let mut laws = fit.effects().into_iter().filter(|effect| !is_random(*effect));
-    laws.next().is_some_and(|law| LIBRARY[law].signature.fades) && laws.next().is_none()
-}
-
 const KNOTS: usize = 6;
 /// Along the altitude things may be narrow.
 const ALTITUDE_KNOTS: usize = 12;
-/// Prior widths that are tried, m/s^2.
+/// Prior widths that are tried, m/s^2: from 0.2 % to 20 % of gravity.
 const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
+/// Widths of what is no gap, m/s^2: up to 0.1 % of gravity.
+const SLIGHT_WIDTHS: [f64; 2] = [0.005, 0.01];
 
 /// Looks for structure that a fit leaves.
 pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
@@ -125,10 +123,11 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         return Regions {
             axes: Vec::new(),
             ceiling: 0.0,
+            nameless: 0.0,
+            slight: 0.0,
             form: 0.0,
             past: 0.0,
             drift: 0.0,
-            fading: 0.0,
             play: 0.0,
             tracker: Vec::new(),
         };
@@ -146,7 +145,9 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         first += n;
     }
     let of_the_moment = hat_axes.len();
-    let ceiling = gain_along(&information, &gradient, (0, of_the_moment), &WIDTHS);
+    let moment = information.view((0, 0), (of_the_moment, of_the_moment)).into_owned();
+    let of_moment = gradient.rows(0, of_the_moment).into_owned();
+    let ceiling = best_gain(&moment, &of_moment, &WIDTHS).0;
     let tracker = seen(&information, &gradient, forces, offsets);
     // Before the steady one.
     let plays = gradient.len() - 1 - PLAYS.len();
@@ -159,10 +160,11 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     Regions {
         axes,
         ceiling,
+        nameless: mean_evidence(WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0))),
+        slight: mean_evidence(SLIGHT_WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0))),
         form,
         past: if is_own(Axis::Past) { 0.0 } else { past },
         drift: if is_own(Axis::Charge) { 0.0 } else { drift(fit, &pass) },
-        fading: if only_fading(fit) { form } else { 0.0 },
         play: if is_own(Axis::ThrustChange) { 0.0 } else { play(&information, &gradient, plays) },
         tracker,
     }
@@ -349,14 +351,22 @@ fn best_gain(f: &DMatrix<f64>, g: &DVector<f64>, widths: &[f64]) -> (f64, f64) {
     widths
         .iter()
         .copied()
-        .filter_map(|s| {
-            let n = g.len();
-            let posterior = (f + DMatrix::identity(n, n) * s.powi(-2)).cholesky()?;
-            let quadratic = 0.5 * g.dot(&posterior.solve(g));
-            let half_ln_det = 0.5 * ln_det(&posterior);
-            Some((quadratic - half_ln_det - n as f64 * s.ln(), s))
-        })
+        .filter_map(|s| Some((gain_at(f, g, s)?, s)))
         .fold((0.0, widths[0]), |best, this| if this.0 > best.0 { this } else { best })
+}
+
+/// The gain at a prior width; `None` where the information is none.
+fn gain_at(f: &DMatrix<f64>, g: &DVector<f64>, s: f64) -> Option<f64> {
+    let n = g.len();
+    let posterior = (f + DMatrix::identity(n, n) * s.powi(-2)).cholesky()?;
+    let quadratic = 0.5 * g.dot(&posterior.solve(g));
+    Some(quadratic - 0.5 * ln_det(&posterior) - n as f64 * s.ln())
+}
+
+/// Logarithm of the mean of evidences that are given by their logarithms.
+pub fn mean_evidence<const N: usize>(ln: [f64; N]) -> f64 {
+    let most = ln.iter().copied().fold(f64::MIN, f64::max);
+    most + (ln.iter().map(|x| (x - most).exp()).sum::<f64>() / N as f64).ln()
 }
 
 /// The best gain of some directions next to one another: the first, and how many.

@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use bench_campaign::{LEAST_SETS, Learning};
+use bench_campaign::LEAST_SETS;
 use bench_diagnosis::Calibration;
 use bench_rig::{Mission, Rig};
 
@@ -14,12 +14,8 @@ pub fn learn(rig: &Rig, missions: &Missions, sets: usize) -> anyhow::Result<Cali
         bail!("--calibrate {sets}: at least {LEAST_SETS} sets are needed to see a tail of false alarms");
     }
     let progress = Progress::of("calibrate");
-    let tell = |learning| match learning {
-        Learning::Begun(all) => progress.begin("nominal flights", all as f64, "sets"),
-        Learning::Step => progress.step(),
-        Learning::WithCauses => progress.doing("flights with causes"),
-    };
-    Ok(bench_campaign::learn(rig, &or_usual(missions)?, sets, &tell)?)
+    progress.begin("nominal flights", sets as f64, "sets");
+    Ok(bench_campaign::learn(rig, &or_usual(missions)?, sets, &|| progress.step())?)
 }
 
 fn or_usual(missions: &Missions) -> anyhow::Result<Vec<Mission>> {

@@ -85,8 +85,8 @@ pub struct Arguments {
     /// against it. Three at least; recordings or logs. --rig is then what is known before; without it, a rig is drafted
     #[arg(long, value_name = "FLIGHT", num_args = 1.., visible_alias = "model")]
     nominal: Vec<PathBuf>,
-    /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, and three times as many
-    /// with effects of the library, and keep what they teach in the cache
+    /// First calibrate for this rig: simulate so many sets of nominal flights of these missions, move the weight of `none` until one
+    /// set in a hundred would be an alarm, and keep that in the cache
     #[arg(long, value_name = "SETS", num_args = 0..=1, default_missing_value = "100", conflicts_with = "calibration")]
     calibrate: Option<usize>,
     /// What makes probabilities: built-in; auto, what this machine has learnt of this rig and these missions, if it has; or a
@@ -96,6 +96,9 @@ pub struct Arguments {
     /// Write the calibration that was learnt, for --calibration on another machine
     #[arg(long, value_name = "FILE")]
     write_calibration: Option<PathBuf>,
+    /// How often there is nothing wrong with flights that you ask about, before any is looked at [default: one in three]
+    #[arg(long, value_name = "SHARE", value_parser = share, conflicts_with_all = ["calibrate", "calibration"])]
+    prior_none: Option<f64>,
     /// Least probability with which anything is told; below it the verdict is `inconclusive`. 0 tells what leads, whatever it is worth
     #[arg(long, value_name = "PROBABILITY", default_value_t = MIN_CONFIDENCE, value_parser = probability)]
     min_confidence: f64,
@@ -126,6 +129,13 @@ fn probability(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(p) if (0.0..1.0).contains(&p) => Ok(p),
         _ => Err("a probability from 0 to below 1 is expected, such as 0.8".to_owned()),
+    }
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(p) if p > 0.0 && p < 1.0 => Ok(p),
+        _ => Err("a share between 0 and 1 is expected, such as 0.5".to_owned()),
     }
 }
 
@@ -162,7 +172,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     if let (Some(next), Some(file), false) =
         (&diagnosis.next_flight, &arguments.next_flight, arguments.json.json)
     {
-        words::print(&next_in_words(next, file, diagnosis.calibration.temperature))?;
+        words::print(&next_in_words(next, file, diagnosis.temperature))?;
     }
     let gap = report.verdict != Conclusion::None;
     Ok(if made.refused || arguments.fail_on_gap && gap { Exit::CheckFailed } else { Exit::Done })
@@ -213,6 +223,10 @@ impl Made {
             None => calibration::choose(&arguments.calibration, &rig, &flown)?,
         };
         let Chosen { calibration, choice, warning, kept } = chosen;
+        let calibration = match arguments.prior_none {
+            Some(share) => calibration.with_prior_none(share),
+            None => calibration,
+        };
         warnings.extend(warning);
         if let Some(file) = &arguments.write_calibration {
             let kept = kept.with_context(|| {

@@ -164,7 +164,6 @@ fn left_over(diagnosis: &Diagnosis) -> String {
         (wave.gain, format!("a swing at {} Hz", digits(wave.hz))),
         (place.unexplained_past, "a thrust that depends on where the airframe was of late".to_owned()),
         (place.unexplained_drift, "a thrust or a weight that changes from flight to flight".to_owned()),
-        (place.unexplained_fading, "a thrust that fades otherwise".to_owned()),
         (place.unexplained_play, "a thrust that stays behind its changes, as through a play".to_owned()),
         (place.unexplained_pulses, "a thrust that is missing, or too much, for moments".to_owned()),
         (place.unexplained_readback, "a readback of no known law".to_owned()),
