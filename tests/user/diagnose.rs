@@ -136,7 +136,7 @@ fn flights_with_a_planted_effect_are_diagnosed_in_words_and_json() {
     assert!(words.contains("error of predictions in cm"), "{words}");
 
     let report = json(&bench(["diagnose", "--json", "--fail-on-gap"]).args(&flights).assert().code(1));
-    assert_eq!(report["schema"], "bench.diagnosis/1");
+    assert_eq!(report["schema"], "bench.diagnosis/2");
     assert_eq!(report["verdict"], "effect");
     let extra_s = report["candidates"][0]["parameters"][0]["value"].as_f64().unwrap();
     assert!((extra_s - 0.12).abs() < 0.02, "{extra_s}");

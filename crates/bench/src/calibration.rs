@@ -122,7 +122,10 @@ impl Kept {
             );
         }
         if !kept.calibration.is_sound() {
-            bail!("{} is damaged: a share is not from 0 to 1, or a weight no number; {advice}", path.display());
+            bail!(
+                "{} is damaged: a share is not from 0 to 1, or a weight no number; {advice}",
+                path.display()
+            );
         }
         Ok(kept)
     }

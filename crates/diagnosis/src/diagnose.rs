@@ -14,18 +14,18 @@ use crate::{
     direct::{Direct, Finding},
     gap::{Gap, gap},
     groups::{Answer, Likenesses, answer},
+    hypothesis::{Grounds, Hypothesis},
     next_flight::{NextFlight, close},
     stage::{StageShare, stages},
     trace::{Trace, traces},
-    hypothesis::{Grounds, Hypothesis},
     weigh::{UNKNOWN, Weighed},
 };
 
 /// What a diagnosis says: the evidence, and what it comes to. How sure it must be to be told is for those who report it, who put
-/// the first four keys of `bench.diagnosis/1` (docs/diagnosis.md) before the others.
+/// the first four keys of `bench.diagnosis/2` (docs/diagnosis.md) before the others.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Diagnosis {
-    /// `bench.diagnosis/1`.
+    /// `bench.diagnosis/2`.
     #[serde(skip)]
     pub schema: &'static str,
     /// What it comes to.
@@ -119,7 +119,8 @@ pub struct Candidate {
     pub probability: f64,
     /// Gain of log-evidence over `none`, nats.
     pub evidence_gain: f64,
-    /// That gain by kind of evidence, and what its laws leave; absent for `unknown`.
+    /// That gain by kind of evidence, and what its laws leave; absent for `unknown`, and where one of its effects is too small to be
+    /// seen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grounds: Option<Grounds>,
     /// Its effects' parameters.
@@ -184,10 +185,8 @@ pub struct NoiseTold {
     /// For how long it remembers, s.
     pub turbulence_time_s: f64,
     /// One sigma of a measurement, m.
-    #[serde(rename = "sighting_m")]
     pub measurement_m: f64,
     /// The same as the rig says, rounding included.
-    #[serde(rename = "sighting_nominal_m")]
     pub measurement_nominal_m: f64,
 }
 
@@ -255,7 +254,6 @@ pub struct FlightUsed {
     /// Its name.
     pub name: String,
     /// Measurements held against a prediction.
-    #[serde(rename = "sightings")]
     pub measurements: usize,
 }
 
@@ -322,7 +320,7 @@ impl Diagnosis {
             .map(|candidate| candidate.name.clone())
             .collect();
         Self {
-            schema: "bench.diagnosis/1",
+            schema: "bench.diagnosis/2",
             verdict,
             effects: top.effects.clone(),
             leading: top.name.clone(),
@@ -472,7 +470,15 @@ fn candidate(
     }
     let name = if effects.is_empty() { "none".to_owned() } else { effects.join("+") };
     let (indices, evidence_gain) = (Some(h.effects.clone()), h.gain());
-    Candidate { effects, indices, name, probability, evidence_gain, grounds: Some(h.grounds), parameters }
+    Candidate {
+        effects,
+        indices,
+        name,
+        probability,
+        evidence_gain,
+        grounds: (!h.hidden).then_some(h.grounds),
+        parameters,
+    }
 }
 
 /// What less probable candidates look like does not change what leads.
@@ -511,12 +517,7 @@ fn numbers(problem: &Problem<'_>, null: &Fit) -> Vec<Number> {
         .collect()
 }
 
-fn place(
-    problem: &Problem<'_>,
-    top: &Candidate,
-    weighed: &Weighed,
-    search: &Search,
-) -> Place {
+fn place(problem: &Problem<'_>, top: &Candidate, weighed: &Weighed, search: &Search) -> Place {
     let mut told: Vec<RegionTold> = weighed
         .on_null
         .axes

@@ -73,7 +73,6 @@ pub struct FlightGap {
     /// Its name.
     pub name: String,
     /// Measurements held against a prediction.
-    #[serde(rename = "sightings")]
     pub measurements: usize,
     /// Negative log-likelihood a measurement: the rig as it is, re-fitted, with the effect, floor.
     pub nll: [f64; 4],
@@ -145,7 +144,7 @@ pub fn gap(problem: &Problem<'_>, null: &Fit, best: &Fit) -> Gap {
         })
     };
     Gap {
-        metric: "mean negative log-likelihood of a sighting, nats",
+        metric: "mean negative log-likelihood of a measurement, nats",
         nominal: level(0),
         parameters_only: level(1),
         with_effect: level(2),

@@ -40,9 +40,9 @@ pub use diagnose::{
     ParameterValue, Place, RegionTold, Verdict,
 };
 pub use direct::Finding;
+pub use gap::{Figure, FlightGap, Gap, KStep};
 pub use hypothesis::Grounds;
 pub use nameless::Nameless;
-pub use gap::{Figure, FlightGap, Gap, KStep};
 pub use next_flight::{MARK, NextFlight, NextFlightError, Repeat};
 pub use stage::StageShare;
 pub use trace::Trace;

@@ -20,6 +20,8 @@ pub struct Nameless {
     pub play: f64,
     /// An offset of the tracker.
     pub tracker: f64,
+    /// An acceleration of up to 0.1 % of gravity: what any model gets wrong. It is no part of [`Self::evidence`].
+    pub slight: f64,
     /// Readbacks that no law of a pin explains. It adds to the others, for it is of another channel.
     pub readback: f64,
 }
@@ -42,6 +44,7 @@ impl Nameless {
             drift: regions.drift,
             play: regions.play,
             tracker: regions.offset(),
+            slight: regions.slight,
             readback,
         };
         (found, waves)
@@ -49,7 +52,7 @@ impl Nameless {
 
     /// Evidence of a cause of any one kind, each as likely before the flights, nats; a little below 0 where there is nothing.
     pub fn evidence(&self) -> f64 {
-        let Self { structure, swing, pulses, past, drift, play, tracker, readback } = *self;
+        let Self { structure, swing, pulses, past, drift, play, tracker, readback, .. } = *self;
         mean_evidence([structure, swing, pulses, past, drift, play, tracker]) + readback
     }
 }

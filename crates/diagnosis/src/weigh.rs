@@ -81,7 +81,7 @@ impl Weighed {
         all.extend(hidden_seconds(&all));
         swings.resize(all.len(), None);
         let none = all.iter().position(|h| h.effects.is_empty()).expect("the null is a hypothesis");
-        let slight = all[none].regions.as_ref().map_or(0.0, |regions| regions.slight);
+        let slight = all[none].grounds.nameless.map_or(0.0, |found| found.slight);
         let nominal = nominal_gain(problem, &[UNKNOWN]);
         let Decided { probabilities, unknown, temperature } =
             decide(&weighables(&all), slight, nominal, calibration);

@@ -60,7 +60,10 @@ fn the_verdict_alone_is_that_of_the_diagnosis() {
         assert_eq!((seen.0, &seen.1), (doubting.0, &doubting.1), "{effects:?}");
         assert_eq!((seen.0, &seen.1), (expecting_none.0, &expecting_none.1), "{effects:?}");
         if seen.0 == Verdict::Effect {
-            assert!(doubting.2 < seen.2 && expecting_none.2 < seen.2, "{doubting:?} {expecting_none:?} {seen:?}");
+            assert!(
+                doubting.2 < seen.2 && expecting_none.2 < seen.2,
+                "{doubting:?} {expecting_none:?} {seen:?}"
+            );
         } else {
             assert!(expecting_none.2 > seen.2, "{expecting_none:?} {seen:?}");
         }

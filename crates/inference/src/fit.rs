@@ -90,26 +90,6 @@ impl Fit {
         added(&self.point, &self.noise, problem.rig)
     }
 
-    /// What forms of laws, and numbers of the rig, that are out of the usual speak against the hypothesis, nats: sizes of effects are
-    /// not among them, which may be any, nor numbers that an effect of the library moves.
-    pub fn odd_nats(&self) -> f64 {
-        let beyond = |f: &Free| {
-            let sigmas2 = ((f.own(self.point.get(f.at)) - f.mean) / f.sigma).powi(2);
-            match f.at {
-                Coordinate::Nuisance(RigNumber::ThrustOffset | RigNumber::Drag) => {
-                    0.5 * (sigmas2 - ODD_SIGMAS.powi(2)).max(0.0)
-                }
-                Coordinate::Effect { slot, parameter }
-                    if self.point.parameter(slot, parameter).default.is_some() =>
-                {
-                    ODD_FORM_NATS * (sigmas2 - ODD_FORM_SIGMAS.powi(2)).max(0.0)
-                }
-                _ => 0.0,
-            }
-        };
-        self.free.iter().map(beyond).sum()
-    }
-
     /// Slot, parameter, value, and the ends of an interval of so many sigma in the own scale, of each of the effects'
     /// parameters that were fitted; sigma is widened by a factor, and a fraction of the value is added to it in squares,
     /// but for parameters that are themselves the form of a law, and of a ceiling's height a fraction of what flights did
@@ -179,12 +159,6 @@ pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
 const LEVEL_STEP: f64 = 0.1;
 const LEVEL_STEPS: i32 = 25;
 const LEVEL_ROUNDS: usize = 2;
-
-/// Numbers further off with all effects in, for bent by one that is not known.
-const ODD_SIGMAS: f64 = 3.1;
-/// The same of forms of laws, and how much each further sigma squared counts: their priors are wide, and end.
-const ODD_FORM_SIGMAS: f64 = 2.2;
-const ODD_FORM_NATS: f64 = 6.0;
 
 /// One measurement in so many may be of anything; flights that were never seen higher than so much, m, have no ceiling to be looked for.
 const LOST_ONE_IN: usize = 200;

@@ -24,4 +24,4 @@ pub use descent::limited_step;
 pub use fit::{Fit, Problem};
 pub use pulse::pulses;
 pub use region::{Region, Regions, Waves, mean_evidence, own_axes, regions, waves};
-pub use search::{MANY_FLIGHTS, Search, fitted_effects, with_one_law_more};
+pub use search::{Search, fitted_effects, with_one_law_more};

@@ -4,9 +4,7 @@
 //! normal prior of width `s` is analytic: `1/2 g'(F + 1/s^2)^-1 g - 1/2 ln|1 + s^2 F|`, where gradient `g` and
 //! information `F` are what the fitted parameters leave of them (Schur complement).
 
-use bench_filter::{
-    Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, run, run_for,
-};
+use bench_filter::{Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, run, run_for};
 use bench_plant::effects::{Axis, LIBRARY};
 use bench_statistics::{evenly_in_log, ln_det};
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};

@@ -192,7 +192,7 @@ fn pairs_of_noise(problem: &Problem<'_>, null: &Fit, spreads: &[&Fit], hidden: &
 }
 
 /// Of more flights than the first, as many as the second show the way.
-pub const MANY_FLIGHTS: usize = 24;
+const MANY_FLIGHTS: usize = 24;
 const FEW_FLIGHTS: usize = 16;
 
 /// A few of many flights, drawn at random, always the same of as many: of all kinds where those come in turns. `None` where

@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         }
         return Ok(Exit::Done);
     }
-    // `bench.diagnosis/1`, as it stands in the output itself, is taken as well.
+    // `bench.diagnosis/2`, as it stands in the output itself, is taken as well.
     let bare = name.strip_prefix("bench.").unwrap_or(name);
     let bare = bare.split_once('/').map_or(bare, |(bare, _)| bare);
     match OUTPUTS.iter().find(|output| output.name == bare) {

@@ -31,10 +31,10 @@ pub enum Because {
     FlightsDisagree,
 }
 
-/// A diagnosis and what is told of it. As JSON it is `bench.diagnosis/1` (docs/diagnosis.md).
+/// A diagnosis and what is told of it. As JSON it is `bench.diagnosis/2` (docs/diagnosis.md).
 #[derive(Debug, Serialize)]
 pub struct Report {
-    /// `bench.diagnosis/1`.
+    /// `bench.diagnosis/2`.
     pub schema: &'static str,
     /// What it comes to.
     pub verdict: Conclusion,

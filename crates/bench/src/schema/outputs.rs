@@ -34,7 +34,7 @@ pub const OUTPUTS: &[Output] = outputs! {
     "calibrate" "1",
     "check" "1",
     "devices" "1",
-    "diagnosis" "1",
+    "diagnosis" "2",
     "diff" "1",
     "effects" "1",
     "hil" "1",

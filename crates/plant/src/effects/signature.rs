@@ -18,8 +18,6 @@ pub struct Signature {
     pub lag: bool,
     /// Thrust fades with the charge that is drawn, of which an unknown part was drawn before the flight.
     pub fades: bool,
-    /// Its force is smooth over the small range of thrust that a flight sees.
-    pub smooth: bool,
     /// Values of parameters beyond which flights show another effect: key and largest value to be fitted.
     pub fitted_up_to: &'static [(&'static str, f64)],
     /// Effects that do nearly the same to ordinary flights.
@@ -36,7 +34,6 @@ impl Signature {
         adds_to: &[],
         lag: false,
         fades: false,
-        smooth: false,
         fitted_up_to: &[],
         confounded_with: &[],
     };

@@ -33,7 +33,7 @@ pub(super) static SPEC: EffectSpec = EffectSpec {
             default: Some(0.0),
         },
     ],
-    signature: Signature { axes: &[Axis::ThrustToWeight], smooth: true, ..Signature::LAW },
+    signature: Signature { axes: &[Axis::ThrustToWeight], ..Signature::LAW },
     build,
 };
 

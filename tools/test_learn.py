@@ -1,4 +1,4 @@
-"""Tests of tools/domains: what it takes from a diagnosis' JSON, and that its fit finds weights that made the truth."""
+"""Tests of tools/learn: what it takes from a diagnosis' JSON, and that its fit finds weights that made the truth."""
 
 import importlib.machinery
 import importlib.util
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 sys.dont_write_bytecode = True
-_loader = importlib.machinery.SourceFileLoader("domains_tool", str(Path(__file__).resolve().parent / "domains"))
-tool = importlib.util.module_from_spec(importlib.util.spec_from_loader("domains_tool", _loader))
+_loader = importlib.machinery.SourceFileLoader("learn_tool", str(Path(__file__).resolve().parent / "learn"))
+tool = importlib.util.module_from_spec(importlib.util.spec_from_loader("learn_tool", _loader))
 _loader.exec_module(tool)
 
 
