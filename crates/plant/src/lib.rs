@@ -11,8 +11,11 @@
 //! on a balance instead.
 
 pub mod balance;
+pub mod batch;
 pub mod body;
 pub mod effects;
-pub mod integrator;
+mod integrator;
 pub mod lab;
+mod lanes;
 pub mod nominal;
+mod rigid;
