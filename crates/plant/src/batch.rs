@@ -73,10 +73,8 @@ impl Batch {
 
     /// Puts an airframe in a lane, with its mass, kg. It stands still until it is told how long a step is.
     pub fn enter(&mut self, lane: usize, body: &SixDegree, nominal: &Nominal, mass_kg: f64) {
+        self.put(lane, body);
         let rows = &mut self.rows;
-        for (row, value) in rows.state.iter_mut().zip(body.state()) {
-            row[lane] = value;
-        }
         rows.dt_s[lane] = 0.0;
         rows.per_kg[lane] = mass_kg.recip();
         rows.ground_effect_gain[lane] = nominal.ground_effect_gain;
@@ -85,7 +83,15 @@ impl Batch {
         rows.stabiliser.set(lane, body.stabiliser());
     }
 
-    /// The length of a lane's steps from now on. Nothing moves in steps of no length.
+    /// Moves the airframe of a lane to where a body is.
+    pub fn put(&mut self, lane: usize, body: &SixDegree) {
+        for (row, value) in self.rows.state.iter_mut().zip(body.state()) {
+            row[lane] = value;
+        }
+    }
+
+    /// The length of a lane's steps from now on. In steps of no length nothing moves, but rounding may still change the last bit
+    /// of an attitude.
     pub fn set_step(&mut self, lane: usize, dt_s: f64) {
         self.rows.dt_s[lane] = dt_s;
     }

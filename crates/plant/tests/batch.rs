@@ -130,7 +130,7 @@ fn worlds_in_lockstep_show_what_each_shows_alone() {
     let plain = rig("virtual.toml");
     // Each effect of the library on a rig of its own, and the rig without any.
     let mut rigs = vec![plain.clone()];
-    for spec in LIBRARY {
+    for spec in LIBRARY.iter() {
         let mut rig = plain.clone();
         rig.effects.push(parse_effect(&spec.example()).unwrap());
         rigs.push(rig);

@@ -58,6 +58,10 @@ impl Lockstep {
         for (index, lane) in lanes.iter_mut().enumerate() {
             if let Some(lane) = lane {
                 let mut world = lane.world.0.borrow_mut();
+                // While it stood still others did not, and each step rounds.
+                if let Body::SixDegree(body) = &world.body {
+                    batch.put(index, body);
+                }
                 lane.stretch = world.begin_stretch(batch, index, deadlines[index], lane.is_varying);
             }
         }
