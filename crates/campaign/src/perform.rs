@@ -169,9 +169,8 @@ struct Told {
 pub fn perform(plan: &Plan, index: u64) -> Done {
     let began = Instant::now();
     let run = plan.run(index);
-    // Nothing that a panic left half done is looked at again.
-    let found = catch_unwind(AssertUnwindSafe(|| found(&run))).unwrap_or_else(|panic| {
-        Err(format!("the program failed ({}); please report it with the run's id", message(panic.as_ref())))
+    let found = caught(|| found(&run)).unwrap_or_else(|words| {
+        Err(format!("the program failed ({words}); please report it with the run's id"))
     });
     done(plan, &run, found, began.elapsed())
 }
@@ -214,7 +213,7 @@ pub fn perform_together(plan: &Plan, indices: impl IntoIterator<Item = u64>) -> 
         })
         .collect();
     // If the program fails, it fails in one of them: each is tried alone then, and that one's row says so.
-    let Ok(flown) = catch_unwind(AssertUnwindSafe(|| simulate_together(&simulations))) else { return alone() };
+    let Ok(flown) = caught(|| simulate_together(&simulations)) else { return alone() };
     let took = began.elapsed() / u32::try_from(runs.len()).unwrap_or(u32::MAX).max(1);
     let found = flown.into_iter().zip(flights);
     let found = found.map(|(flown, flight)| match flown {
@@ -224,9 +223,13 @@ pub fn perform_together(plan: &Plan, indices: impl IntoIterator<Item = u64>) -> 
     runs.iter().zip(found).map(|(run, found)| done(plan, run, found, took)).collect()
 }
 
-fn message(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
+/// What some work gives, or the words with which it panicked: one run among thousands that fails is no end of the others.
+pub fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
+    // Nothing that a panic left half done is looked at again.
+    catch_unwind(AssertUnwindSafe(work)).map_err(|panic: Box<dyn Any + Send>| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message").to_owned()
+    })
 }
 
 fn found(run: &Run<'_>) -> Result<Found, String> {

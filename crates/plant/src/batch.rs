@@ -169,8 +169,7 @@ fn move_lanes<S: Simd>(simd: S, rows: &mut Rows, place: usize, steps: u64) {
         drag_n_s_per_m: of(&rows.drag_n_s_per_m),
     };
     let (stabiliser, command) = (rows.stabiliser.map(of), rows.command.map(of));
-    let held =
-        Held { forces: &forces, per_kg: of(&rows.per_kg), stabiliser: &stabiliser, command: &command };
+    let held = Held { forces: &forces, per_kg: of(&rows.per_kg), stabiliser: &stabiliser, command: &command };
     let dt_s = of(&rows.dt_s);
     let mut x = load(simd, &rows.state, place);
     for _ in 0..steps {

@@ -18,7 +18,11 @@ impl<T, const N: usize, F: Fn(&[T; N]) -> [T; N]> Motion<T, N> for F {
 /// `x` after `dt_s` seconds of `dx/dt = derivative(x)`. The error of one step is of order `dt^5`, that of a flight of
 /// order `dt^4` where `derivative` is smooth (Hairer, Norsett, Wanner, *Solving ODEs I*, table II.1.2).
 #[inline(always)]
-pub(crate) fn runge_kutta_4<T: Real, const N: usize>(x: &[T; N], dt_s: T, motion: &impl Motion<T, N>) -> [T; N] {
+pub(crate) fn runge_kutta_4<T: Real, const N: usize>(
+    x: &[T; N],
+    dt_s: T,
+    motion: &impl Motion<T, N>,
+) -> [T; N] {
     let half_s = dt_s * 0.5;
     let k1 = motion.derivative(x);
     let k2 = motion.derivative(&along(x, &k1, half_s));

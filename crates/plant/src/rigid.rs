@@ -132,8 +132,7 @@ impl<T: Real> Stabiliser<T> {
         let per_horizontal = horizontal.at_least(w.constant(1e-9)).recip();
         let (cos, sin) = (body_x[0] * per_horizontal, body_x[1] * per_horizontal);
         let wanted = &command.z_direction;
-        let wanted_z =
-            [cos * wanted[0] - sin * wanted[1], sin * wanted[0] + cos * wanted[1], wanted[2]];
+        let wanted_z = [cos * wanted[0] - sin * wanted[1], sin * wanted[0] + cos * wanted[1], wanted[2]];
         // Rotating the body by this (small) vector brings its z to the wanted one: their cross product, in the body's frame.
         let error = [-dot(&body_y, &wanted_z), dot(&body_x, &wanted_z)];
 
