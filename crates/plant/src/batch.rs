@@ -193,8 +193,8 @@ fn move_lanes<S: Simd>(simd: S, rows: &mut Rows, place: usize, steps: u64) {
 #[inline(always)]
 fn load<S: Simd>(simd: S, state: &State<Row>, place: usize) -> State<Lanes<S>> {
     let mut x = [Lanes::load(simd, &state[0], place); 13];
-    for n in 1..13 {
-        x[n] = Lanes::load(simd, &state[n], place);
+    for (lanes, row) in x.iter_mut().zip(state) {
+        *lanes = Lanes::load(simd, row, place);
     }
     x
 }

@@ -29,8 +29,8 @@ pub(crate) fn runge_kutta_4<T: Real, const N: usize>(
     let k3 = motion.derivative(&along(x, &k2, half_s));
     let k4 = motion.derivative(&along(x, &k3, dt_s));
     let mut mean = k1;
-    for n in 0..N {
-        mean[n] = k1[n] + (k2[n] + k3[n]) * 2.0 + k4[n];
+    for (((mean, k2), k3), k4) in mean.iter_mut().zip(k2).zip(k3).zip(k4) {
+        *mean = *mean + (k2 + k3) * 2.0 + k4;
     }
     along(x, &mean, dt_s / dt_s.constant(6.0))
 }
@@ -39,8 +39,8 @@ pub(crate) fn runge_kutta_4<T: Real, const N: usize>(
 #[inline(always)]
 fn along<T: Real, const N: usize>(x: &[T; N], slope: &[T; N], dt_s: T) -> [T; N] {
     let mut moved = *x;
-    for n in 0..N {
-        moved[n] = x[n] + slope[n] * dt_s;
+    for (moved, slope) in moved.iter_mut().zip(slope) {
+        *moved = *moved + *slope * dt_s;
     }
     moved
 }
