@@ -151,25 +151,20 @@ pub fn execute(
                         .collect();
                     groups
                         .into_par_iter()
-                        .map(|group| {
-                            let done = perform_together(plan, group.clone());
-                            group
-                                .zip(done)
-                                .map(|(index, done)| {
-                                    let done = kept(store, done, index, keep)?;
-                                    if let Some(count) =
-                                        Outcome::ALL.iter().position(|outcome| *outcome == done.outcome)
-                                    {
-                                        counts[count].fetch_add(1, Ordering::Relaxed);
-                                    }
-                                    busy_ns.fetch_add(done.took.as_nanos() as u64, Ordering::Relaxed);
-                                    go_on(Step::Done(done.outcome))?;
-                                    Ok(done)
-                                })
-                                .collect::<Result<Vec<Done>, CampaignError>>()
+                        .flat_map_iter(|group| group.clone().zip(perform_together(plan, group)))
+                        .map(|(index, done)| {
+                            let done = kept(store, done, index, keep)?;
+                            if let Some(count) =
+                                Outcome::ALL.iter().position(|outcome| *outcome == done.outcome)
+                            {
+                                counts[count].fetch_add(1, Ordering::Relaxed);
+                            }
+                            busy_ns.fetch_add(done.took.as_nanos() as u64, Ordering::Relaxed);
+                            go_on(Step::Done(done.outcome))?;
+                            Ok(done)
                         })
-                        .collect::<Result<Vec<Vec<Done>>, CampaignError>>()
-                        .map(|done| (*part, done.into_iter().flatten().collect::<Vec<_>>()))
+                        .collect::<Result<Vec<Done>, CampaignError>>()
+                        .map(|done| (*part, done))
                 })
                 .collect::<Result<Vec<_>, CampaignError>>();
             let computed = match computed {
