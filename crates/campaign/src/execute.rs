@@ -2,7 +2,7 @@
 
 use std::{
     fmt, fs,
-    ops::ControlFlow,
+    ops::{ControlFlow, Range},
     str::FromStr,
     sync::{
         Mutex, PoisonError,
@@ -15,7 +15,7 @@ use std::{
 
 use rayon::prelude::*;
 
-use crate::{CampaignError, Done, Outcome, Store, Work, perform, record};
+use crate::{CampaignError, Done, Outcome, Store, Work, perform_together, record, runs_together};
 
 /// One of so many equal shares of a sweep: every so-many-th part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,8 +93,10 @@ pub struct Executed {
     pub busy: Duration,
 }
 
-/// Runs for each core that are computed before the next wave begins, so that a long one among them holds nobody up for long.
+/// Runs and groups of runs for each core that are computed before the next wave begins, so that a long one among them holds
+/// nobody up for long.
 const RUNS_PER_CORE: u64 = 16;
+const GROUPS_PER_CORE: u64 = 4;
 
 /// Does the runs of a share that are not done yet. Another process is kept off the same share while this one runs. Where `tell` breaks,
 /// it ends with [`CampaignError::Stopped`], and parts that are written stay.
@@ -121,7 +123,9 @@ pub fn execute(
     }
     let counts = [const { AtomicU64::new(0) }; 5];
     let busy_ns = AtomicU64::new(0);
-    let wave = (RUNS_PER_CORE * rayon::current_num_threads() as u64).div_ceil(plan.runs_per_part()).max(1);
+    let together = runs_together(plan);
+    let runs_per_core = RUNS_PER_CORE.max(GROUPS_PER_CORE * together);
+    let wave = (runs_per_core * rayon::current_num_threads() as u64).div_ceil(plan.runs_per_part()).max(1);
     let failure: Mutex<Option<CampaignError>> = Mutex::new(None);
     let (sender, receiver) = sync_channel::<(u64, Vec<Done>)>(1);
     thread::scope(|scope| {
@@ -139,10 +143,17 @@ pub fn execute(
             let computed = parts
                 .par_iter()
                 .map(|part| {
-                    plan.runs_of_part(*part)
+                    let runs = plan.runs_of_part(*part);
+                    let groups: Vec<Range<u64>> = runs
+                        .clone()
+                        .step_by(together as usize)
+                        .map(|first| first..runs.end.min(first + together))
+                        .collect();
+                    groups
                         .into_par_iter()
-                        .map(|index| {
-                            let done = kept(store, perform(plan, index), index, keep)?;
+                        .flat_map_iter(|group| group.clone().zip(perform_together(plan, group)))
+                        .map(|(index, done)| {
+                            let done = kept(store, done, index, keep)?;
                             if let Some(count) =
                                 Outcome::ALL.iter().position(|outcome| *outcome == done.outcome)
                             {
@@ -182,7 +193,7 @@ pub fn execute(
     }
 }
 
-fn length(range: std::ops::Range<u64>) -> u64 {
+fn length(range: Range<u64>) -> u64 {
     range.end - range.start
 }
 

@@ -36,7 +36,7 @@ pub use execute::{Executed, Keep, Shard, Step, execute};
 pub use file::{Airframes, Diagnosing, EffectPlan, Kind, PlanFile, Seeds, Variant};
 pub use keys::sweep_keys;
 pub use learn::{LEAST_SETS, learn};
-pub use perform::{Done, Outcome, columns, perform};
+pub use perform::{Done, Outcome, caught, columns, perform, perform_together, runs_together};
 pub use plan::{FlightRun, Library, Plan, Run, Unfound, Work};
 pub use record::record;
 pub use report::{Report, report};

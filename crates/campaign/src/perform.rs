@@ -13,7 +13,7 @@ use bench_filter::Track;
 use bench_inference::Problem;
 use bench_recording::{CellKind, Flight, Mode, Record, Session};
 use bench_rig::{EffectEntry, Rig};
-use bench_run::{Ending, Sink, Summary, check, simulate_on};
+use bench_run::{Ending, Flown, Simulation, Summary, check, simulate_on, simulate_together};
 
 use crate::{
     file::{Airframes, Diagnosing, Kind},
@@ -63,13 +63,6 @@ impl Outcome {
             Self::Error => "error",
         }
     }
-}
-
-/// Nobody keeps what is flown.
-struct Unrecorded;
-
-impl Sink for Unrecorded {
-    fn take(&mut self, _record: Record) {}
 }
 
 /// The name of a parameter's column.
@@ -176,19 +169,67 @@ struct Told {
 pub fn perform(plan: &Plan, index: u64) -> Done {
     let began = Instant::now();
     let run = plan.run(index);
-    // Nothing that a panic left half done is looked at again.
-    let found = catch_unwind(AssertUnwindSafe(|| found(&run))).unwrap_or_else(|panic| {
-        Err(format!("the program failed ({}); please report it with the run's id", message(panic.as_ref())))
+    let found = caught(|| found(&run)).unwrap_or_else(|words| {
+        Err(format!("the program failed ({words}); please report it with the run's id"))
     });
+    done(plan, &run, found, began.elapsed())
+}
+
+fn done(plan: &Plan, run: &Run<'_>, found: Result<Found, String>, took: Duration) -> Done {
     let found =
         found.unwrap_or_else(|reason| Found { outcome: Some(Outcome::Error), reason, ..Found::default() });
     let outcome = found.outcome.unwrap_or(Outcome::Diagnosed);
-    Done { row: row(plan, &run, &found, outcome), outcome, took: began.elapsed() }
+    Done { row: row(plan, run, &found, outcome), outcome, took }
 }
 
-fn message(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
+/// How many runs [`perform_together`] is best given: flights enough to keep its lanes full, and diagnoses one by one.
+pub fn runs_together(plan: &Plan) -> u64 {
+    const FLIGHTS: u64 = 40;
+    if is_diagnosed(plan) { 1 } else { FLIGHTS }
+}
+
+/// Does several runs, in the order given. Each comes to what [`perform`] makes of it; flights that nobody diagnoses are simulated
+/// together, and took the same time each.
+pub fn perform_together(plan: &Plan, indices: impl IntoIterator<Item = u64>) -> Vec<Done> {
+    let indices: Vec<u64> = indices.into_iter().collect();
+    let alone = || indices.iter().map(|index| perform(plan, *index)).collect();
+    if is_diagnosed(plan) {
+        return alone();
+    }
+    let began = Instant::now();
+    let runs: Vec<Run<'_>> = indices.iter().map(|index| plan.run(*index)).collect();
+    let mut flights = Vec::with_capacity(runs.len());
+    for run in &runs {
+        let Work::Flight(flight) = &run.work else { return alone() };
+        flights.push(&**flight);
+    }
+    let simulations: Vec<Simulation<'_>> = flights
+        .iter()
+        .map(|FlightRun { plant, nominal: rig, mission, seed, .. }| Simulation {
+            plant,
+            rig,
+            mission,
+            seed: *seed,
+        })
+        .collect();
+    // If the program fails, it fails in one of them: each is tried alone then, and that one's row says so.
+    let Ok(flown) = caught(|| simulate_together(&simulations)) else { return alone() };
+    let took = began.elapsed() / u32::try_from(runs.len()).unwrap_or(u32::MAX).max(1);
+    let found = flown.into_iter().zip(flights);
+    let found = found.map(|(flown, flight)| match flown {
+        Ok(flown) => Ok(judged(flight, flown)),
+        Err(error) => Err(error.to_string()),
+    });
+    runs.iter().zip(found).map(|(run, found)| done(plan, run, found, took)).collect()
+}
+
+/// What some work gives, or the words with which it panicked: one run among thousands that fails is no end of the others.
+pub fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
+    // Nothing that a panic left half done is looked at again.
+    catch_unwind(AssertUnwindSafe(work)).map_err(|panic: Box<dyn Any + Send>| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message").to_owned()
+    })
 }
 
 fn found(run: &Run<'_>) -> Result<Found, String> {
@@ -224,27 +265,37 @@ fn flown(flight: &FlightRun<'_>) -> Result<Found, String> {
     let flown = if flight.is_diagnosed {
         simulate_on(plant, nominal, mission, *seed, &mut records, |_| true)
     } else {
-        simulate_on(plant, nominal, mission, *seed, &mut Unrecorded, |_| true)
+        simulate_on(plant, nominal, mission, *seed, &mut (), |_| true)
     };
-    let flown = flown.map_err(|error| error.to_string())?;
-    let checks = check(&mission.criteria, &flown.summary);
+    let mut found = judged(flight, flown.map_err(|error| error.to_string())?);
+    if flight.is_diagnosed {
+        let recorded = Flight::from_records(Session::new(Mode::Sim), records);
+        match Track::from_flight(flight.mission_name, &recorded, nominal) {
+            Ok(track) => found.told = Some(diagnosed(&[track], nominal, Some(&flight.effects))),
+            Err(error) => found.reason = error.to_string(),
+        }
+    }
+    Ok(found)
+}
+
+/// A flight held against its mission's criteria.
+fn judged(flight: &FlightRun<'_>, flown: Flown) -> Found {
+    let checks = check(&flight.mission.criteria, &flown.summary);
     let missed: Vec<&str> = checks.iter().filter(|check| !check.passed).map(|check| check.key).collect();
-    let (outcome, mut reason) = match &flown.ending {
+    let (outcome, reason) = match flown.ending {
         Ending::Complete if missed.is_empty() => (Outcome::Passed, String::new()),
         Ending::Complete => (Outcome::Missed, String::new()),
         Ending::Stopped(why) => (Outcome::Stopped, why.to_string()),
         Ending::Fault(error) => (Outcome::Error, error.to_string()),
-        Ending::Panicked(words) => (Outcome::Error, words.clone()),
+        Ending::Panicked(words) => (Outcome::Error, words),
     };
-    let mut told = None;
-    if flight.is_diagnosed {
-        let recorded = Flight::from_records(Session::new(Mode::Sim), records);
-        match Track::from_flight(flight.mission_name, &recorded, nominal) {
-            Ok(track) => told = Some(diagnosed(&[track], nominal, Some(&flight.effects))),
-            Err(error) => reason = error.to_string(),
-        }
+    Found {
+        outcome: Some(outcome),
+        reason,
+        missed: missed.join(","),
+        summary: Some(flown.summary),
+        told: None,
     }
-    Ok(Found { outcome: Some(outcome), reason, missed: missed.join(","), summary: Some(flown.summary), told })
 }
 
 fn recorded(path: &Path, expected: &str) -> Result<Flight, String> {

@@ -9,7 +9,7 @@ use std::{
 
 use bench_campaign::{
     CampaignError, Executed, Keep, Library, Outcome, Plan, RESULTS, Shard, Step, Store, Table, Unfound,
-    execute, record,
+    execute, perform, perform_together, record,
 };
 use bench_recording::{Options, Recorder, Session};
 use bench_rig::{Mission, Rig};
@@ -95,6 +95,32 @@ fn shards_of_any_number_run_by_anybody_give_the_bytes_of_one_machine() {
     let again = run(&other, Shard::WHOLE);
     assert_eq!((again.before, again.outcomes.iter().sum::<u64>()), (RUNS, 0), "nothing is done twice");
     assert_eq!(fs::read(other.merge().unwrap()).unwrap(), expected);
+}
+
+#[test]
+fn what_flies_together_comes_to_what_it_comes_to_alone() {
+    // Some with effects that have lanes, one with an effect on the air, which has none, and flights of two lengths.
+    let text = "name = \"mixed\"\ndescription = \"d\"\nrigs = [\"virtual\", \"virtual-model\"]\nmissions = [\"short\", \"hop\"]\n\
+        airframes = \"drawn\"\nseeds = { first = 7, count = 4 }\n[[variant]]\nname = \"as it is\"\n\
+        [[variant]]\nname = \"slow\"\neffects.rotor-lag.time_constant_s = { log_uniform = [0.01, 0.3] }\n\
+        [[variant]]\nname = \"late\"\neffects.loop-overrun.probability = 0.3\neffects.loop-overrun.mean_s = 0.05\n\
+        [[variant]]\nname = \"heavy\"\neffects.mass-change.fraction = 0.05\n";
+    let plan = plan(text);
+    let runs = plan.runs();
+    assert_eq!(runs, 64);
+    let together = perform_together(&plan, 0..runs);
+    assert_eq!(together.len() as u64, runs);
+    for (index, done) in (0..runs).zip(together) {
+        let alone = perform(&plan, index);
+        assert_eq!((done.row, done.outcome), (alone.row, alone.outcome));
+    }
+    // Any of them, in any order.
+    let rows = |indices: &[u64]| -> Vec<_> {
+        perform_together(&plan, indices.iter().copied()).into_iter().map(|done| done.row).collect()
+    };
+    let (some, reversed) = (rows(&[3, 40, 11]), rows(&[11, 40, 3]));
+    assert!(some.iter().eq(reversed.iter().rev()));
+    assert!(rows(&[]).is_empty());
 }
 
 #[test]

@@ -4,6 +4,8 @@
 //! [`SimulatedOutput`] changes the pins from that instant on; the [`SimulatedTracker`] hands out frames once they have
 //! arrived. Everything random comes from the seed, so a run repeats exactly.
 
+mod lockstep;
+
 use std::{
     cell::{Ref, RefCell},
     collections::VecDeque,
@@ -25,6 +27,7 @@ use crate::{
     effects::{EffectError, Effects, Frame},
     nominal::{Air, Forces, Nominal},
 };
+pub use lockstep::Lockstep;
 
 /// The three ends of the loop, and a window on the world behind them.
 pub struct Lab {
@@ -67,6 +70,14 @@ pub struct World {
     truth_period: Time,
     truth_due: Time,
     truth: Vec<TrueState>,
+}
+
+/// Equal steps to the next thing that happens in a world.
+#[derive(Clone, Copy)]
+struct Stretch {
+    until: Time,
+    dt_s: f64,
+    steps: u64,
 }
 
 /// The airframe as it really is.
@@ -178,21 +189,31 @@ impl World {
 
     /// Moves the world on to `deadline`, stopping at each exposure and each record of the truth.
     pub fn advance_to(&mut self, deadline: Time) {
-        loop {
-            if self.now == self.truth_due {
-                let truth = self.true_state();
-                self.truth.push(truth);
-                self.truth_due = Time::from_nanos(self.truth_due.nanos() + self.truth_period.nanos());
+        while let Some(stretch) = self.next_stretch(deadline) {
+            for _ in 0..stretch.steps {
+                self.step(stretch.dt_s);
             }
-            if self.now == self.camera.exposure_due {
-                self.expose();
-            }
-            if self.now >= deadline {
-                return;
-            }
-            let next = deadline.min(self.truth_due).min(self.camera.exposure_due);
-            self.integrate_to(next);
+            self.now = stretch.until;
         }
+    }
+
+    /// What is due now, then the steps to what comes next: equal ones, none longer than the rig's.
+    fn next_stretch(&mut self, deadline: Time) -> Option<Stretch> {
+        if self.now == self.truth_due {
+            let truth = self.true_state();
+            self.truth.push(truth);
+            self.truth_due = Time::from_nanos(self.truth_due.nanos() + self.truth_period.nanos());
+        }
+        if self.now == self.camera.exposure_due {
+            self.expose();
+        }
+        if self.now >= deadline {
+            return None;
+        }
+        let until = deadline.min(self.truth_due).min(self.camera.exposure_due);
+        let span_s = until.since_s(self.now);
+        let steps = (span_s / self.step_s - 1e-9).ceil().max(1.0);
+        Some(Stretch { until, dt_s: span_s / steps, steps: steps as u64 })
     }
 
     /// The airframe as it is now.
@@ -224,29 +245,10 @@ impl World {
         }
     }
 
-    /// Equal steps, none longer than the rig's.
-    fn integrate_to(&mut self, next: Time) {
-        let span_s = next.since_s(self.now);
-        let steps = (span_s / self.step_s - 1e-9).ceil().max(1.0);
-        let dt_s = span_s / steps;
-        for _ in 0..steps as u64 {
-            self.step(dt_s);
-        }
-        self.now = next;
-    }
-
     #[inline]
     fn step(&mut self, dt_s: f64) {
-        let mut sticks = self.pins;
-        for effect in &mut self.effects.actuator {
-            effect.actuate(dt_s, &mut sticks);
-        }
-        let mut free_thrust_n = self.nominal.free_thrust_n(sticks.throttle);
-        for effect in &mut self.effects.propulsion {
-            effect.propel(dt_s, &mut free_thrust_n);
-        }
-        self.free_thrust_n = free_thrust_n;
-        self.charge_hover_min += dt_s * free_thrust_n / self.nominal.weight_n / 60.0;
+        let sticks = self.push(dt_s);
+        let free_thrust_n = self.free_thrust_n;
         if !self.effects.air.is_empty() {
             let air: Air = self.body.air(free_thrust_n);
             for effect in &mut self.effects.air {
@@ -256,6 +258,27 @@ impl World {
         let forces =
             Forces { nominal: &self.nominal, effects: &self.effects, free_thrust_n, mass_kg: self.mass_kg };
         self.body.step(dt_s, &forces, sticks);
+    }
+
+    /// From the pins to the thrust over a step; returns what the sticks are behind the effects on their way.
+    #[inline]
+    fn push(&mut self, dt_s: f64) -> Sticks {
+        let mut sticks = self.pins;
+        for effect in &mut self.effects.actuator {
+            effect.actuate(dt_s, &mut sticks);
+        }
+        let mut free_thrust_n = self.nominal.free_thrust_n(sticks.throttle);
+        for effect in &mut self.effects.propulsion {
+            effect.propel(dt_s, &mut free_thrust_n);
+        }
+        self.free_thrust_n = free_thrust_n;
+        self.charge_hover_min += self.charge_of_step(dt_s);
+        sticks
+    }
+
+    #[inline]
+    fn charge_of_step(&self, dt_s: f64) -> f64 {
+        dt_s * self.free_thrust_n / self.nominal.weight_n / 60.0
     }
 
     fn expose(&mut self) {
@@ -377,16 +400,23 @@ impl SharedWorld {
 /// The world's own time: waiting moves the world.
 pub struct SimulatedClock(SharedWorld);
 
+impl SimulatedClock {
+    /// When one who waits for `deadline` wakes up. Nothing moves: that is left to a [`Lockstep`].
+    pub fn wake(&mut self, deadline: Time) -> Time {
+        let mut world = self.0.0.borrow_mut();
+        let lateness_s: f64 = world.effects.timing.iter_mut().map(|effect| effect.lateness_s()).sum();
+        world.now.max(deadline).shifted(lateness_s.max(0.0))
+    }
+}
+
 impl Clock for SimulatedClock {
     fn now(&self) -> Time {
         self.0.borrow().now
     }
 
     fn wait_until(&mut self, deadline: Time) -> Result<Time, DeviceError> {
-        let mut world = self.0.0.borrow_mut();
-        let lateness_s: f64 = world.effects.timing.iter_mut().map(|effect| effect.lateness_s()).sum();
-        let wake = world.now.max(deadline).shifted(lateness_s.max(0.0));
-        world.advance_to(wake);
+        let wake = self.wake(deadline);
+        self.0.0.borrow_mut().advance_to(wake);
         Ok(wake)
     }
 }

@@ -3,7 +3,11 @@
 use bench_rig::Airframe;
 use nalgebra::Vector3;
 
-use crate::effects::Effects;
+use crate::{
+    effects::Effects,
+    lanes::Real,
+    rigid::{ForceLaw, Instant},
+};
 
 /// The nominal airframe's numbers, ready for the inner loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,13 +51,28 @@ impl Nominal {
     /// Thrust multiplier less one at a height (figure 10).
     #[inline]
     pub fn ground_effect(&self, height_m: f64) -> f64 {
-        // A branch that processors foresee: above, a step does not wait for this.
-        if height_m < self.ground_effect_height_m {
-            self.ground_effect_gain * (1.0 - height_m.max(0.0) / self.ground_effect_height_m)
-        } else {
-            0.0
-        }
+        ground_effect(self.ground_effect_gain, self.ground_effect_height_m, height_m)
     }
+}
+
+/// The ground effect's law: `gain` on the ground, nothing from `until_m` on.
+#[inline(always)]
+pub(crate) fn ground_effect<T: Real>(gain: T, until_m: T, height_m: T) -> T {
+    let zero = gain.constant(0.0);
+    height_m.below(until_m, || gain * (gain.constant(1.0) - height_m.at_least(zero) / until_m))
+}
+
+/// Vertical thrust for a thrust out of the ground effect, N.
+#[inline(always)]
+pub(crate) fn vertical_thrust_n<T: Real>(free_thrust_n: T, ground_effect: T) -> T {
+    free_thrust_n * (free_thrust_n.constant(1.0) + ground_effect)
+}
+
+/// Linear drag, N.
+#[inline(always)]
+pub(crate) fn drag_n<T: Real>(drag_n_s_per_m: T, velocity_m_s: &[T; 3]) -> [T; 3] {
+    let [x, y, z] = *velocity_m_s;
+    [x * -drag_n_s_per_m, y * -drag_n_s_per_m, z * -drag_n_s_per_m]
 }
 
 /// What a force law may look at: the airframe in its environment at one instant.
@@ -87,17 +106,17 @@ impl Forces<'_> {
     pub fn thrust_n(&self, air: &Air) -> f64 {
         let ground_effect = self.nominal.ground_effect(air.height_m);
         let thrust_n = if self.effects.air.is_empty() {
-            self.free_thrust_n * (1.0 + ground_effect)
+            vertical_thrust_n(self.free_thrust_n, ground_effect)
         } else {
             self.thrust_with_effects_n(*air, ground_effect)
         };
-        thrust_n.max(0.0)
+        thrust_n.at_least(0.0)
     }
 
     /// Drag and other forces on the airframe except thrust and weight, world frame, N.
     #[inline]
     pub fn drag_n(&self, air: &Air) -> Vector3<f64> {
-        let drag_n = air.velocity_m_s * -self.nominal.drag_n_s_per_m;
+        let drag_n = Vector3::from(drag_n(self.nominal.drag_n_s_per_m, air.velocity_m_s.as_ref()));
         if self.effects.air.is_empty() {
             return drag_n;
         }
@@ -112,7 +131,7 @@ impl Forces<'_> {
         for effect in &self.effects.air {
             effect.ground_effect(&air, &mut ground_effect);
         }
-        let mut thrust_n = self.free_thrust_n * (1.0 + ground_effect);
+        let mut thrust_n = vertical_thrust_n(self.free_thrust_n, ground_effect);
         for effect in &self.effects.air {
             effect.thrust(&air, &mut thrust_n);
         }
@@ -125,5 +144,25 @@ impl Forces<'_> {
             effect.force(&air, &mut force_n);
         }
         force_n.into()
+    }
+}
+
+impl ForceLaw<f64> for Forces<'_> {
+    #[inline]
+    fn thrust_n(&self, at: &Instant<f64>) -> f64 {
+        self.thrust_n(&at.air(self.free_thrust_n))
+    }
+
+    #[inline]
+    fn drag_n(&self, at: &Instant<f64>) -> [f64; 3] {
+        self.drag_n(&at.air(self.free_thrust_n)).into()
+    }
+}
+
+impl Instant<f64> {
+    #[inline]
+    fn air(&self, free_thrust_n: f64) -> Air {
+        let Self { height_m, tilt_cos, .. } = *self;
+        Air { height_m, velocity_m_s: self.velocity_m_s.into(), tilt_cos, free_thrust_n }
     }
 }

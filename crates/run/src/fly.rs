@@ -84,44 +84,17 @@ pub fn fly<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink, D: Into<Direc
     sink: &mut S,
     mut each: impl FnMut(&Progress, &mut S) -> D,
 ) -> Flown {
-    let begin = clock.now();
-    let mut flight = Flight {
-        controller: Controller::beginning_at(rig, mission, begin),
-        guard: Guard::new(rig.safety),
-        log: FlightLog::with_capacity(rig, mission),
-        period: Time::from_seconds(rig.control_loop.period_s),
-        scheduled: begin,
-        index: 0,
-        phase: None,
-        stopped: None,
-    };
-    let mut finished_at = None;
-    let ending = loop {
-        let (progress, finished) = match flight.iterate(clock, output, tracker, sink) {
-            Ok(done) => done,
-            Err(error) => {
-                // The output may be what failed; there is nothing more to be done for it.
-                let _ = output.write(flight.controller.at_rest());
-                event(sink, clock.now(), Level::Error, format_args!("{error}"));
-                break Ending::Fault(error);
-            }
-        };
-        let now = progress.now;
-        match each(&progress, sink).into() {
-            Directive::GoOn => {}
-            Directive::Stop(reason) => flight.stop(reason, now, sink),
-            Directive::FlyAt(altitude_m) => flight.fly_at(altitude_m, now, sink),
-            Directive::Land => flight.land(now, sink),
+    let mut flight = Flight::new(rig, mission, clock.now());
+    loop {
+        let started = clock.wait_until(flight.scheduled);
+        if let Some(ending) = flight.go_on(started, (clock, output, tracker), sink, &mut each) {
+            return flight.over(ending);
         }
-        if finished && now.since_s(*finished_at.get_or_insert(now)) >= TAIL_S {
-            break flight.stopped.map_or(Ending::Complete, Ending::Stopped);
-        }
-    };
-    Flown { ending, summary: flight.log.summarise() }
+    }
 }
 
 /// The state of one flight.
-struct Flight {
+pub(crate) struct Flight {
     controller: Controller,
     guard: Guard,
     log: FlightLog,
@@ -130,18 +103,73 @@ struct Flight {
     index: u64,
     phase: Option<Phase>,
     stopped: Option<StopReason>,
+    finished_at: Option<Time>,
 }
 
 impl Flight {
+    /// A flight that begins now.
+    pub(crate) fn new(rig: &Rig, mission: &Mission, now: Time) -> Self {
+        Self {
+            controller: Controller::beginning_at(rig, mission, now),
+            guard: Guard::new(rig.safety),
+            log: FlightLog::with_capacity(rig, mission),
+            period: Time::from_seconds(rig.control_loop.period_s),
+            scheduled: now,
+            index: 0,
+            phase: None,
+            stopped: None,
+            finished_at: None,
+        }
+    }
+
+    /// When the next iteration is due.
+    pub(crate) fn scheduled(&self) -> Time {
+        self.scheduled
+    }
+
+    /// The iteration that was waited for, and what who watches wants after it; returns how the flight ended, if it did.
+    pub(crate) fn go_on<C: Clock, V: VoltageOutput, P: PositionSource, S: Sink, D: Into<Directive>>(
+        &mut self,
+        started: Result<Time, DeviceError>,
+        (clock, output, tracker): (&mut C, &mut V, &mut P),
+        sink: &mut S,
+        each: &mut impl FnMut(&Progress, &mut S) -> D,
+    ) -> Option<Ending> {
+        let done = started.and_then(|started| self.iterate(started, clock, output, tracker, sink));
+        let (progress, finished) = match done {
+            Ok(done) => done,
+            Err(error) => {
+                // The output may be what failed; there is nothing more to be done for it.
+                let _ = output.write(self.controller.at_rest());
+                event(sink, clock.now(), Level::Error, format_args!("{error}"));
+                return Some(Ending::Fault(error));
+            }
+        };
+        let now = progress.now;
+        match each(&progress, sink).into() {
+            Directive::GoOn => {}
+            Directive::Stop(reason) => self.stop(reason, now, sink),
+            Directive::FlyAt(altitude_m) => self.fly_at(altitude_m, now, sink),
+            Directive::Land => self.land(now, sink),
+        }
+        let is_over = finished && now.since_s(*self.finished_at.get_or_insert(now)) >= TAIL_S;
+        is_over.then(|| self.stopped.map_or(Ending::Complete, Ending::Stopped))
+    }
+
+    /// What the flight achieved.
+    pub(crate) fn over(self, ending: Ending) -> Flown {
+        Flown { ending, summary: self.log.summarise() }
+    }
+
     /// One iteration: returns where the flight is, and whether the mission is over.
     fn iterate<C: Clock, V: VoltageOutput, P: PositionSource>(
         &mut self,
+        started: Time,
         clock: &mut C,
         output: &mut V,
         tracker: &mut P,
         sink: &mut impl Sink,
     ) -> Result<(Progress, bool), DeviceError> {
-        let started = clock.wait_until(self.scheduled)?;
         while let Some(sample) = tracker.poll()? {
             self.controller.observe(&sample);
             self.guard.observe(&sample);

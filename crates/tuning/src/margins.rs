@@ -13,9 +13,8 @@ use std::f64::consts::{PI, TAU};
 
 use bench_device::{DeviceError, Readback, Sticks, VoltageOutput};
 use bench_plant::lab::{Lab, SimulatedOutput};
-use bench_recording::Record;
 use bench_rig::{Mission, Model, PhaseAction, Profile, Rig};
-use bench_run::{Ending, Sink, fly};
+use bench_run::{Ending, fly};
 use nalgebra::Complex;
 use serde::Serialize;
 
@@ -206,7 +205,7 @@ fn injected(
         chirp: None,
     };
     let mission = Mission { phases: lifted(hold, count as f64 * period_s), ..Mission::default() };
-    let flown = fly((&mut clock, &mut output, &mut tracker), &rig, &mission, &mut Nowhere, |_, _| true);
+    let flown = fly((&mut clock, &mut output, &mut tracker), &rig, &mission, &mut (), |_, ()| true);
     let seen = output.seen.get(begin..count)?;
     (flown.ending == Ending::Complete).then(|| seen.to_vec())
 }
@@ -238,12 +237,6 @@ impl VoltageOutput for Injecting<'_> {
     fn read_back(&mut self) -> Result<Option<Readback>, DeviceError> {
         self.inner.read_back()
     }
-}
-
-struct Nowhere;
-
-impl Sink for Nowhere {
-    fn take(&mut self, _: Record) {}
 }
 
 #[cfg(test)]

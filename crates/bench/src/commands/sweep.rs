@@ -11,7 +11,7 @@ use std::{
 use anyhow::{Context, bail};
 use bench_campaign::{
     Done, Executed, Keep, Kind, Outcome, Plan, Shard, Step, Store, Work, Workload, encoded, execute, perform,
-    record, report,
+    perform_together, record, report, runs_together,
 };
 use bench_page::{Page, Tone};
 use clap::{Args, Subcommand, ValueEnum};
@@ -399,12 +399,12 @@ fn list(arguments: &ListArguments) -> anyhow::Result<Exit> {
 
 /// Does a few runs and writes them, and says what all of them take.
 fn cost(plan: &Plan, arguments: &ListArguments) -> anyhow::Result<String> {
-    /// As many tell the mean to a few percent, where runs are alike.
+    /// As many tell the mean to a few percent, where runs are alike; and as many go together.
     const SAMPLED: u64 = 20;
-    let sampled = plan.runs().min(SAMPLED);
+    let sampled = plan.runs().min(SAMPLED.max(runs_together(plan)));
     // One to warm up.
     perform(plan, 0);
-    let done: Vec<Done> = (0..sampled).map(|i| perform(plan, i * plan.runs() / sampled)).collect();
+    let done = perform_together(plan, (0..sampled).map(|i| i * plan.runs() / sampled));
     let run_s = done.iter().map(|done| done.took.as_secs_f64()).sum::<f64>() / sampled as f64;
     let rows: Vec<Done> = done.iter().cycle().take(plan.runs_per_part() as usize).cloned().collect();
     let began = Instant::now();

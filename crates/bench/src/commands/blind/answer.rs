@@ -1,6 +1,4 @@
 use std::{
-    any::Any,
-    panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::Instant,
@@ -8,6 +6,7 @@ use std::{
 
 use anyhow::Context;
 use bench_blind::{Answer, BlindError, Seal, Unfinished, Verdict};
+use bench_campaign::caught;
 use clap::Args;
 use rayon::prelude::*;
 
@@ -122,18 +121,12 @@ pub fn answer(arguments: &AnswerArguments) -> anyhow::Result<Exit> {
 
 /// An answer; whatever goes wrong on the way is told in it.
 fn or_failed(answer: impl FnOnce() -> anyhow::Result<Answer>) -> Answer {
-    // Nothing that a panic left half done is looked at again.
-    let reason = match catch_unwind(AssertUnwindSafe(answer)) {
+    let reason = match caught(answer) {
         Ok(Ok(answer)) => return answer,
         Ok(Err(error)) => words::causes(&error),
-        Err(panic) => format!("panicked: {}", message(panic.as_ref())),
+        Err(words) => format!("panicked: {words}"),
     };
     Answer { note: Some(reason), ..Answer::bare(Verdict::Failed) }
-}
-
-fn message(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
 /// Hash of this very program.
