@@ -72,7 +72,21 @@ impl Chromium {
     }
 
     /// Opens a page in a window of so many pixels.
-    pub fn open(&mut self, url: &str, [width, height]: [u32; 2]) -> Tab {
+    pub fn open(&mut self, url: &str, size: [u32; 2]) -> Tab {
+        self.open_hearing(url, size, &["Page", "Runtime", "Log", "Network"])
+    }
+
+    /// The same, without being told what the page asks for and complains of: all that its sockets read would come along.
+    pub fn open_unheard(&mut self, url: &str, size: [u32; 2]) -> Tab {
+        self.open_hearing(url, size, &["Page"])
+    }
+
+    /// Closes a page.
+    pub fn close(&mut self, tab: &Tab) {
+        self.call(Some(tab), "Page.close", &json!({}));
+    }
+
+    fn open_hearing(&mut self, url: &str, [width, height]: [u32; 2], domains: &[&str]) -> Tab {
         let target =
             self.call(None, "Target.createTarget", &json!({ "url": "about:blank", "newWindow": true }));
         let target = &target["targetId"];
@@ -80,7 +94,7 @@ impl Chromium {
             self.call(None, "Target.attachToTarget", &json!({ "targetId": target, "flatten": true }));
         let tab = Tab(attached["sessionId"].as_str().unwrap().to_owned());
         self.tabs.insert(tab.0.clone(), Heard::default());
-        for domain in ["Page", "Runtime", "Log", "Network"] {
+        for domain in domains {
             self.call(Some(&tab), &format!("{domain}.enable"), &json!({}));
         }
         self.resize(&tab, [width, height]);
@@ -147,6 +161,26 @@ impl Chromium {
             let key = json!({ "type": kind, "key": key, "code": code, "windowsVirtualKeyCode": number, "text": key });
             self.call(Some(tab), "Input.dispatchKeyEvent", &key);
         }
+    }
+
+    /// Moves fingers over the page from some places to others, x and y in pixels of the window, in steps as a hand does.
+    pub fn drag(&mut self, tab: &Tab, from: &[[f64; 2]], to: &[[f64; 2]]) {
+        const STEPS: u32 = 10;
+        self.call(
+            Some(tab),
+            "Emulation.setTouchEmulationEnabled",
+            &json!({ "enabled": true, "maxTouchPoints": 5 }),
+        );
+        let mut touch = |kind: &str, share: f64| {
+            let along = |(a, b): (&[f64; 2], &[f64; 2])| [0, 1].map(|i| a[i] + share * (b[i] - a[i]));
+            let point = |(id, [x, y]): (usize, [f64; 2])| json!({ "x": x, "y": y, "id": id });
+            let points: Vec<Value> = from.iter().zip(to).map(along).enumerate().map(point).collect();
+            let points = if kind == "touchEnd" { Vec::new() } else { points };
+            self.call(Some(tab), "Input.dispatchTouchEvent", &json!({ "type": kind, "touchPoints": points }));
+        };
+        touch("touchStart", 0.0);
+        (1..=STEPS).for_each(|step| touch("touchMove", f64::from(step) / f64::from(STEPS)));
+        touch("touchEnd", 1.0);
     }
 
     /// What is seen of the page, into the folder that `BENCH_SCREENSHOTS` names or `target/screenshots`, which CI keeps.

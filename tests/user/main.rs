@@ -1,7 +1,9 @@
 //! The bench as a user meets it: commands, files, words and exit codes.
 
+mod back_to_back;
 mod blind;
 mod check;
+mod ci;
 mod colours;
 mod compare;
 mod diagnose;

@@ -4,12 +4,14 @@ mod baselines;
 mod diagnose;
 mod flying;
 mod plan;
+mod ports;
 mod results;
 
 pub use baselines::{Baselines, Change, Stored};
 pub use diagnose::{compare_back_to_back, comparison};
 pub use flying::Flying;
 pub use plan::{Plan, Planned, Selected};
+pub use ports::Ports;
 pub use results::{Folder, PAGE};
 
 use std::fmt::Write as _;

@@ -90,7 +90,7 @@ fn parts(answer: Answer) -> (Answer, [i32; 4]) {
 #[test]
 fn the_emulated_board_answers_as_the_firmware_does() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let (mut firmware, mut emulated) = (Firmware::start(), Board::new(1, 0.0));
+    let (mut firmware, mut emulated) = (Firmware::start(), Board::new(1, 0.0, 0.0));
     let mut refusals = 0;
     for sequence in 1..3000 {
         let body = match rng.random_range(0..12) {

@@ -1,8 +1,12 @@
-//! What the live page costs the loop: a loop in real time whose tracker looks at frames, with two clients that read all there is and without any, in
-//! turns within one flight. `tools/live` makes docs/results/live.md of it.
+//! What the live page costs the loop: a loop in real time whose tracker looks at frames, with nobody who looks, with two clients that read all there
+//! is, and with two browsers that show it, in turns within one flight. `tools/live` makes docs/results/live.md of it.
 //!
 //! `load --rate-hz 1000 --turns 6 --turn-s 5` prints one line of JSON. Times are in seconds. Its clients are processes of their own: the same
-//! program with `--client URL`.
+//! program with `--client URL`, or with `--browser URL`, which drives a headless Chromium.
+
+#[path = "../../../tests/browser/chromium.rs"]
+#[allow(dead_code, reason = "the tests do more with a browser")]
+mod chromium;
 
 use std::{
     cell::Cell,
@@ -11,8 +15,11 @@ use std::{
     net::TcpStream,
     path::Path,
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
-    sync::atomic::{AtomicU8, Ordering},
-    time::Duration,
+    sync::{
+        atomic::{AtomicU8, Ordering},
+        mpsc::Receiver,
+    },
+    time::{Duration, Instant},
 };
 
 use bench_device::{Clock as _, DeviceError, Faults, Readback, Sticks, Time, VoltageOutput};
@@ -28,8 +35,12 @@ use bench_view::{About, Live, Stage};
 use serde_json::{Value, json};
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
-/// Turns are so long before they count, s: clients come and go.
-const SETTLES_S: f64 = 1.0;
+use chromium::Chromium;
+
+/// Turns are so long before they count, s: clients come and go, and a browser loads the page.
+const SETTLES_S: f64 = 2.0;
+/// Nobody looks, two clients, two browsers.
+const ARMS: usize = 3;
 const FRAME_S: f64 = 1.0 / 30.0;
 
 fn main() {
@@ -39,6 +50,10 @@ fn main() {
     };
     if let Some(url) = value("--client") {
         client(url);
+        return;
+    }
+    if let Some(url) = value("--browser") {
+        browser(url);
         return;
     }
     let number =
@@ -104,7 +119,7 @@ fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
     rig.safety.overrun_streak = 10_000;
     let mut mission = Mission::load(rigs.join("missions/climb-040.toml")).unwrap();
     mission.phases.retain(|phase| matches!(phase.action, PhaseAction::Hold { .. }));
-    mission.phases[0].duration_s = 2.0 * turns as f64 * turn_s;
+    mission.phases[0].duration_s = (ARMS * turns) as f64 * turn_s;
     let calibration = rig.calibration.clone().unwrap();
     let frames = rendered(&rig);
 
@@ -120,7 +135,7 @@ fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
     let (live, _controls) =
         Live::start("127.0.0.1:0".parse().unwrap(), about, records, missed.clone()).unwrap();
     let mut shown = live.frames(&calibration).unwrap();
-    let mut clients = [Client::start(&live.url()), Client::start(&live.url())];
+    let mut parties = ["--client", "--browser"].map(|kind| [0, 1].map(|_| Client::start(kind, &live.url())));
     live.stage(Stage::Flying);
     let path = std::env::temp_dir().join(format!("bench-live-{}.mcap", std::process::id()));
     let recorder = Recorder::create(&path, &Session::new(Mode::Hil), Options::REAL_TIME).unwrap();
@@ -128,7 +143,7 @@ fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
 
     // Who tells the clients to come and go is no part of the loop.
     let turn = AtomicU8::new(0);
-    let mut seen = Vec::with_capacity((2.0 * turns as f64 * turn_s * rate_hz) as usize + 1000);
+    let mut seen = Vec::with_capacity(((ARMS * turns) as f64 * turn_s * rate_hz) as usize + 1000);
     let (flown, granted, told) = std::thread::scope(|scope| {
         let flies = scope.spawn(|| {
             let granted = Granted::ask();
@@ -156,24 +171,26 @@ fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
             );
             (flown, granted)
         });
-        let mut told = Vec::new();
-        // Clients look in every second turn.
+        let mut told = [Vec::new(), Vec::new()];
+        // In turns: nobody looks, the clients, the browsers.
+        let party = |turn: u8| (usize::from(turn) % ARMS).checked_sub(1);
         let mut before = None;
-        while !flies.is_finished() {
+        loop {
+            let is_over = flies.is_finished();
             let now = turn.load(Ordering::Relaxed);
-            if before != Some(now) {
-                let looks = now % 2 == 1;
-                if before.is_some_and(|before| before % 2 == 1) {
-                    told.push(end_of_turn(&mut clients));
+            if before != Some(now) || is_over {
+                if let Some(party) = before.and_then(party) {
+                    told[party].push(end_of_turn(&mut parties[party]));
                 }
-                if looks {
-                    clients[0].say("on");
-                    clients[1].say("on");
+                if is_over {
+                    break;
+                }
+                if let Some(party) = party(now) {
+                    parties[party].iter_mut().for_each(|client| client.say("on"));
                     // CPU is counted from when they have settled.
                     std::thread::sleep(Duration::from_secs_f64(SETTLES_S));
-                    CPU.set(cpu_s());
-                    clients[0].say("count");
-                    clients[1].say("count");
+                    BEGAN.set(Some((Instant::now(), cpu_s())));
+                    parties[party].iter_mut().for_each(|client| client.say("count"));
                 }
                 before = Some(now);
             }
@@ -192,25 +209,29 @@ fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
     };
     let arm = |first: usize| {
         (0..turns)
-            .map(|i| of(2 * i + first))
+            .map(|i| of(ARMS * i + first))
             .map(|p| json!({ "p50": p.p50, "p99": p.p99, "max": p.max }))
             .collect::<Vec<_>>()
     };
     json!({
-        "rate_hz": rate_hz, "turn_s": turn_s - SETTLES_S, "without": arm(0), "with": arm(1), "clients": told,
+        "rate_hz": rate_hz, "turn_s": turn_s - SETTLES_S, "without": arm(0), "clients": arm(1), "browsers": arm(2),
+        "by_clients": told[0], "by_browsers": told[1],
         "overruns": flown.summary.overruns, "ticks": flown.summary.ticks, "recorder_dropped": finished.dropped,
         "page_missed": missed.load(Ordering::Relaxed), "fifo": granted.no_priority.is_none(),
     })
 }
 
 thread_local! {
-    static CPU: Cell<[f64; 2]> = const { Cell::new([0.0; 2]) };
+    /// What had been used by when a turn began to count.
+    static BEGAN: Cell<Option<(Instant, [f64; 2])>> = const { Cell::new(None) };
 }
 
 fn end_of_turn(clients: &mut [Client; 2]) -> Value {
-    let (from, to) = (CPU.get(), cpu_s());
-    let counted: Vec<Value> = clients.iter_mut().map(Client::off).collect();
-    json!({ "server_cpu_s": to[0] - from[0], "views_cpu_s": to[1] - from[1], "counted": counted })
+    let (began, from) = BEGAN.take().expect("a turn counts from some instant on");
+    let (s, to) = (began.elapsed().as_secs_f64(), cpu_s());
+    clients.iter_mut().for_each(|client| client.say("off"));
+    let counted: Vec<Value> = clients.iter_mut().map(Client::told).collect();
+    json!({ "s": s, "server_cpu_s": to[0] - from[0], "views_cpu_s": to[1] - from[1], "counted": counted })
 }
 
 /// Processor time of the threads "live" and "views", s.
@@ -239,9 +260,9 @@ struct Client {
 }
 
 impl Client {
-    fn start(url: &str) -> Self {
+    fn start(kind: &str, url: &str) -> Self {
         let mut process = Command::new(std::env::current_exe().unwrap())
-            .args(["--client", url])
+            .args([kind, url])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -256,8 +277,7 @@ impl Client {
     }
 
     /// What it has read since it counts.
-    fn off(&mut self) -> Value {
-        self.say("off");
+    fn told(&mut self) -> Value {
         let mut line = String::new();
         self.answers.read_line(&mut line).unwrap();
         serde_json::from_str(&line).unwrap()
@@ -266,19 +286,61 @@ impl Client {
 
 impl Drop for Client {
     fn drop(&mut self) {
-        let _ = self.process.kill();
+        // It ends its browser first.
+        let _ = writeln!(self.orders, "end");
         let _ = self.process.wait();
+    }
+}
+
+/// Orders from standard input, as they come.
+fn orders() -> Receiver<String> {
+    let (told, order) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        std::io::stdin().lines().map_while(Result::ok).for_each(|line| _ = told.send(line));
+    });
+    order
+}
+
+/// What the page has got and drawn. Its functions are replaced by ones that count first.
+const COUNTED: &str = "(() => { const n = window.counted = { began: performance.now(), batches: 0, rows: 0, drawn: 0, viewed: live.viewed }; \
+     const [taken, drawn] = [take, traces.draw]; \
+     take = (batch) => { n.batches += 1; n.rows += batch.tick?.length ?? 0; taken(batch); }; \
+     traces.draw = function (...how) { n.drawn += 1; drawn.apply(this, how); }; })()";
+const TOLD: &str = "({ ...counted, s: (performance.now() - counted.began) / 1000, views: live.viewed - counted.viewed, bytes: null, \
+     shown: ['full', 'red', 'depth'].every((id) => document.getElementById(id).offsetParent !== null) })";
+
+/// The browser: opens the page when told to, and says what the page got and drew.
+fn browser(url: &str) {
+    let order = orders();
+    let mut chromium = Chromium::start();
+    let mut tab = None;
+    for line in order {
+        match (line.as_str(), &tab) {
+            ("on", _) => tab = Some(chromium.open_unheard(url, [1500, 1150])),
+            ("count", Some(tab)) => {
+                chromium.wait(tab, "the flight to be shown", "traces && live.viewed > 0");
+                chromium.value(tab, COUNTED);
+            }
+            ("off", Some(shown)) => {
+                let told = chromium.value(shown, TOLD);
+                assert_eq!(told["shown"], true, "the three views are on the page: {told}");
+                println!("{told}");
+                chromium.close(shown);
+                tab = None;
+            }
+            _ => break,
+        }
     }
 }
 
 /// The client: connects when told to, reads all, and says what it was.
 fn client(url: &str) {
     let (host, token) = url.trim_start_matches("http://").split_once("/#").unwrap();
-    let (told, order) = std::sync::mpsc::channel();
-    std::thread::spawn(move || {
-        std::io::stdin().lines().map_while(Result::ok).for_each(|line| _ = told.send(line));
-    });
+    let order = orders();
     while let Ok(line) = order.recv() {
+        if line == "end" {
+            break;
+        }
         if line != "on" {
             continue;
         }
@@ -289,9 +351,10 @@ fn client(url: &str) {
         let mut socket: WebSocket<TcpStream> = tungstenite::client(request, stream).unwrap().0;
         socket.send(Message::text(json!({ "token": token }).to_string())).unwrap();
         let (mut views, mut batches, mut rows, mut bytes) = (0_u64, 0_u64, 0_u64, 0_usize);
+        let mut began = Instant::now();
         loop {
             match order.try_recv().as_deref() {
-                Ok("count") => (views, batches, rows, bytes) = (0, 0, 0, 0),
+                Ok("count") => (views, batches, rows, bytes, began) = (0, 0, 0, 0, Instant::now()),
                 Ok("off") => break,
                 _ => {}
             }
@@ -310,6 +373,7 @@ fn client(url: &str) {
                 _ => {}
             }
         }
-        println!("{}", json!({ "views": views, "batches": batches, "rows": rows, "bytes": bytes }));
+        let s = began.elapsed().as_secs_f64();
+        println!("{}", json!({ "s": s, "views": views, "batches": batches, "rows": rows, "bytes": bytes }));
     }
 }

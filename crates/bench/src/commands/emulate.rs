@@ -52,6 +52,9 @@ struct Psoc5 {
     /// Time constant with which the outputs follow what they are set to
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     dac_lag_ms: f64,
+    /// The throttle's output is off by so much, once the board is armed: after it was calibrated
+    #[arg(long, value_name = "MV", default_value_t = 0.0, allow_negative_numbers = true)]
+    dac_offset_mv: f64,
     /// The board hangs at a time, for a time
     #[arg(long, value_name = "AT:FOR")]
     stall: Option<String>,
@@ -122,6 +125,7 @@ impl Psoc5 {
             unplug,
             brown_out: self.brown_out.map(|at_s| within("--brown-out", at_s, 1e6)).transpose()?,
             dac_lag_s: seconds("--dac-lag-ms", self.dac_lag_ms)?,
+            dac_offset_v: between("--dac-offset-mv", self.dac_offset_mv, -1000.0, 1000.0)? / 1000.0,
             protocol_version: self.protocol_version,
         })
     }
@@ -133,8 +137,12 @@ fn time(name: &str, text: &str) -> anyhow::Result<f64> {
 }
 
 fn within(name: &str, value: f64, most: f64) -> anyhow::Result<f64> {
-    if !(0.0..=most).contains(&value) {
-        bail!("{name} must be from 0 to {most}, not {value}");
+    between(name, value, 0.0, most)
+}
+
+fn between(name: &str, value: f64, least: f64, most: f64) -> anyhow::Result<f64> {
+    if !(least..=most).contains(&value) {
+        bail!("{name} must be from {least} to {most}, not {value}");
     }
     Ok(value)
 }

@@ -67,9 +67,9 @@ pub struct Arguments {
     /// Add an effect to every test: does the suite notice it? May be repeated
     #[arg(long = "effect", value_name = "NAME:PARAM=VALUE")]
     effects: Vec<String>,
-    /// Serial port of the board, for tests on hardware
-    #[arg(long)]
-    port: Option<String>,
+    /// Serial port of the board, for tests on hardware; MODE=PORT where each mode has a board of its own. May be repeated
+    #[arg(long = "port", value_name = "[MODE=]PORT")]
+    ports: Vec<String>,
     /// Which Kinect, for tests with the real airframe
     #[arg(long, value_name = "INDEX|SERIAL")]
     kinect: Option<String>,
@@ -126,8 +126,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         modes: arguments.modes.iter().map(|mode| mode.mode()).collect(),
     };
     // What is only listed needs no port.
-    let port = arguments.port.as_deref().or(arguments.list.then_some(""));
-    let (mut plan, mut problems) = Plan::read(&arguments.suite, &selected, port, &arguments.effects)?;
+    let ports = (!arguments.list).then_some(&arguments.ports[..]);
+    let (mut plan, mut problems) = Plan::read(&arguments.suite, &selected, ports, &arguments.effects)?;
     if arguments.list {
         plan.refuse(&problems)?;
         return list(&plan);
@@ -149,7 +149,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     let _interrupts = signals::heed(Arc::clone(&stop))?;
     let flying = Flying {
         suite: &plan.suite,
-        port: arguments.port.as_deref().or(plan.suite.port.as_deref()),
+        ports: &plan.ports,
         hil_arguments: hil_arguments(arguments),
         meta: meta.clone(),
         folder: folder.path(),

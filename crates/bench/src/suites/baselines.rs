@@ -166,8 +166,11 @@ impl Baselines {
         let file =
             self.index.get(&planned.test.id).map(|baseline| baseline.file.as_str()).unwrap_or_default();
         let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-        comparison(plan, planned, &self.folder.join(file), recording, derived, false)
-            .map(|found| Comparison { kind: bench_suite::Kind::Baseline, with: file.to_owned(), ..found })
+        comparison(plan, planned, &self.folder.join(file), recording, derived, &[]).map(|found| Comparison {
+            kind: bench_suite::Kind::Baseline,
+            with: file.to_owned(),
+            ..found
+        })
     }
 
     /// Takes a flight as the baseline of its test; one that is there and differs is replaced with `force` alone.
@@ -191,7 +194,7 @@ impl Baselines {
                 let old = self.folder.join(&before.file);
                 let derived = repeats::of(planned.nominal.clone(), &planned.mission);
                 let comparison =
-                    comparison(plan, planned, &old, &recording, derived, false).with_context(|| {
+                    comparison(plan, planned, &old, &recording, derived, &[]).with_context(|| {
                         format!(
                             "{} cannot be compared; take it out of {} to record it anew",
                             old.display(),

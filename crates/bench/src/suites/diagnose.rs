@@ -8,7 +8,7 @@ use std::{
 use anyhow::Context;
 use bench_recording::diff::{Derived, DiffOptions, Verdict, diff};
 use bench_rig::Rig;
-use bench_suite::{Comparison, Diagnosed, Difference, Kind, Mode, Report};
+use bench_suite::{Comparison, Diagnosed, Difference, Kind, Mode, Report, Test};
 
 use super::{Flying, Plan, Planned};
 use crate::{
@@ -33,22 +33,39 @@ const OF_EYES: [&str; 6] = [
     "/plant/truth/attitude.z",
 ];
 
+/// What is known of a virtual airframe alone: nobody measures it on a real one.
+const OF_VIRTUAL_AIRFRAME: &str = "/plant/*";
+
 /// Whether positions come from frames, rather than from the simulation itself.
 const fn sees_frames(mode: Mode) -> bool {
     matches!(mode, Mode::Frames | Mode::Transmitter)
 }
 
-/// A recording against another of the same rig and mission. Who asks says what kind of comparison it is, and with what.
+/// Fields that two modes cannot have in common.
+fn unlike(modes: [Mode; 2]) -> Vec<&'static str> {
+    let differ = |what: fn(Mode) -> bool| what(modes[0]) != what(modes[1]);
+    let mut fields = Vec::new();
+    if differ(sees_frames) {
+        fields.extend(OF_EYES);
+    }
+    if differ(|mode| mode == Mode::Transmitter) {
+        fields.push(OF_VIRTUAL_AIRFRAME);
+    }
+    fields
+}
+
+/// A recording against another of the same rig and mission, but for some fields. Who asks says what kind of comparison it is, and with
+/// what.
 pub fn comparison(
     plan: &Plan,
     planned: &Planned,
     other: &Path,
     recording: &Path,
     derived: Derived,
-    by_other_eyes: bool,
+    left_out: &[&str],
 ) -> anyhow::Result<Comparison> {
     let mut tolerances = plan.tolerances.get(&planned.test.case).cloned().unwrap_or_default();
-    for field in OF_EYES.iter().filter(|_| by_other_eyes) {
+    for field in left_out {
         tolerances.ignore(field)?;
     }
     let options =
@@ -74,7 +91,7 @@ pub fn comparison(
 /// Holds each test of a back-to-back case against its partner, and asks the diagnosis about those that differ.
 pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Report) -> Vec<String> {
     let mut remarks = Vec::new();
-    let mut differing: BTreeMap<(usize, String), Vec<usize>> = BTreeMap::new();
+    let mut differing: BTreeMap<(usize, Side, String), Vec<usize>> = BTreeMap::new();
     for (index, planned) in plan.tests.iter().enumerate() {
         let case = &plan.suite.cases[planned.test.case];
         if !case.compare.back_to_back || !is_second(plan, planned) {
@@ -87,7 +104,7 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             ));
             continue;
         };
-        let by_other_eyes = sees_frames(plan.tests[first].test.mode) != sees_frames(planned.test.mode);
+        let left_out = unlike([plan.tests[first].test.mode, planned.test.mode]);
         let mut differs = false;
         for place in 0..report.tests[index].runs.len() {
             let run = &report.tests[index].runs[place];
@@ -97,15 +114,8 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             let made = match recordings {
                 (Some(a), Some(b)) => {
                     let derived = repeats::of(planned.nominal.clone(), &planned.mission);
-                    comparison(
-                        plan,
-                        planned,
-                        &flying.recording(a),
-                        &flying.recording(b),
-                        derived,
-                        by_other_eyes,
-                    )
-                    .map_err(|error| words::causes(&error))
+                    comparison(plan, planned, &flying.recording(a), &flying.recording(b), derived, &left_out)
+                        .map_err(|error| words::causes(&error))
                 }
                 _ => Err("one of the two flights has no recording".to_owned()),
             };
@@ -122,8 +132,16 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
             run.settle();
         }
         if differs {
-            let key = (planned.test.case, planned.test.rig.clone() + &planned.test.effects.join("+"));
-            differing.entry(key).or_default().push(index);
+            // A simulation is what was wanted; of two flights on hardware either may be the one that is off.
+            let suspects = [(Side::First, first), (Side::Second, index)];
+            let is_suspect = |side| side == Side::Second || plan.tests[first].test.mode.is_hardware();
+            for (side, suspect) in suspects.into_iter().filter(|(side, _)| is_suspect(*side)) {
+                let Test { case, rig, effects, .. } = &plan.tests[suspect].test;
+                let flown = differing.entry((*case, side, rig.clone() + &effects.join("+"))).or_default();
+                if !flown.contains(&suspect) {
+                    flown.push(suspect);
+                }
+            }
         }
         report.tests[index].settle(&plan.suite, case.repeats);
     }
@@ -141,6 +159,13 @@ pub fn compare_back_to_back(plan: &Plan, flying: &Flying<'_>, report: &mut Repor
         report.diagnoses.push(of_flights(ids, &recordings, &planned.nominal, is_known));
     }
     remarks
+}
+
+/// A side of a pair.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Side {
+    First,
+    Second,
 }
 
 /// Whether a test is the second of its pair: in the second mode, or with the second effects.

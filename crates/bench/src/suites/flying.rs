@@ -18,13 +18,13 @@ use bench_station::Entry;
 use bench_suite::{Attached, Mode, Run, Suite, Times, judge};
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::{Planned, sha256};
+use super::{Planned, Ports, sha256};
 use crate::{arguments::Meta, exit::Exit, recorded, seen, station::Station};
 
 /// What all flights of a suite share.
 pub struct Flying<'a> {
     pub suite: &'a Suite,
-    pub port: Option<&'a str>,
+    pub ports: &'a Ports,
     /// Handed on to `bench hil`.
     pub hil_arguments: Vec<String>,
     pub meta: BTreeMap<String, String>,
@@ -175,7 +175,7 @@ impl Flying<'_> {
         command.arg("--seed").arg(seed.to_string()).arg("-o").arg(recording).arg("--json").arg("--quiet");
         // A suite that is killed leaves no airframe in the air and no board taken.
         command.arg("--end-with-parent");
-        if let Some(port) = self.port {
+        if let Some(port) = self.ports.of(planned.test.mode) {
             command.arg("--port").arg(port);
         }
         for effect in planned.added() {

@@ -11,7 +11,7 @@ use bench_recording::diff::Tolerances;
 use bench_rig::{Actuation, Bench, Mission, Problem, Rig, RigError};
 use bench_suite::{Case, Limit, MissionCriteria, Mode, Side, Suite, Test};
 
-use super::sha256;
+use super::{Ports, sha256};
 use crate::{
     files,
     library::{self, Kind},
@@ -64,17 +64,20 @@ pub struct Plan {
     pub tests: Vec<Planned>,
     /// Tolerances of each case that has some, by its place in the suite.
     pub tolerances: BTreeMap<usize, Tolerances>,
+    /// The boards.
+    pub ports: Ports,
     /// Whether tests were left out by what was selected.
     pub is_part: bool,
     text: String,
 }
 
 impl Plan {
-    /// Reads a suite and all that it names, and picks tests. `port` is the command line's; `effects` are added to every test.
+    /// Reads a suite and all that it names, and picks tests. `ports` are the command line's; `None` where nothing is to be flown.
+    /// `effects` are added to every test.
     pub fn read(
         named: &Path,
         selected: &Selected<'_>,
-        port: Option<&str>,
+        ports: Option<&[String]>,
         effects: &[String],
     ) -> anyhow::Result<(Self, Vec<Problem>)> {
         let (path, text) = files::text_of(Kind::Suite, named)?;
@@ -91,10 +94,10 @@ impl Plan {
             );
         }
         let is_part = picked.len() < whole;
-        let port = port.or(suite.port.as_deref());
+        let ports = ports.map(|named| Ports::new(named, suite.port.as_deref())).transpose()?;
         let mut resolver =
             Resolver { suite: &suite, path: &path, effects, rigs: BTreeMap::new(), problems: &mut problems };
-        let tests = resolver.tests(picked, port);
+        let tests = resolver.tests(picked, ports.as_ref());
         let mut tolerances = BTreeMap::new();
         for (index, case) in suite.cases.iter().enumerate() {
             let Some(file) = &case.tolerances else { continue };
@@ -103,7 +106,8 @@ impl Plan {
                 Err(error) => problems.push(case.problem(&path, "tolerances", &error.to_string())),
             }
         }
-        Ok((Self { suite, path, tests, tolerances, is_part, text }, problems))
+        let ports = ports.unwrap_or_default();
+        Ok((Self { suite, path, tests, tolerances, ports, is_part, text }, problems))
     }
 
     /// Says all that is wrong, if something is.
@@ -170,7 +174,7 @@ struct Resolver<'a> {
 }
 
 impl Resolver<'_> {
-    fn tests(&mut self, tests: Vec<Test>, port: Option<&str>) -> Vec<Planned> {
+    fn tests(&mut self, tests: Vec<Test>, ports: Option<&Ports>) -> Vec<Planned> {
         let mut missions: BTreeMap<(String, String), Option<(PathBuf, Mission)>> = BTreeMap::new();
         let mut checked: Vec<(usize, String, String, Mode, Vec<String>)> = Vec::new();
         let mut planned = Vec::new();
@@ -190,7 +194,7 @@ impl Resolver<'_> {
             }
             let Some(Some((mission_path, mission))) = missions.get(&key).cloned() else { continue };
             if is_first {
-                self.check(case, &test, &nominal, &mission, &rig_path, port);
+                self.check(case, &test, &nominal, &mission, &rig_path, ports);
             }
             let mut rig = nominal.clone();
             let mut is_sound = true;
@@ -265,7 +269,7 @@ impl Resolver<'_> {
         rig: &Rig,
         mission: &Mission,
         rig_path: &Path,
-        port: Option<&str>,
+        ports: Option<&Ports>,
     ) {
         let mut problem = |key: &str, detail: &str| {
             let problem = case.problem(self.path, key, detail);
@@ -273,7 +277,7 @@ impl Resolver<'_> {
                 self.problems.push(problem);
             }
         };
-        if test.mode.is_hardware() && port.is_none() {
+        if test.mode.is_hardware() && ports.is_some_and(|ports| ports.of(test.mode).is_none()) {
             problem(
                 "mode",
                 &format!(

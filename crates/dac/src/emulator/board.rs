@@ -30,6 +30,8 @@ pub struct Board {
     /// Pins by the law of [`Board::with_lag`]: what they head for, and where they were when that was set.
     pins: [Pin; 4],
     lag_us: f64,
+    /// What the throttle's pin is off by once the board is armed, uV.
+    offset_uv: f64,
     fed_us: u64,
     noise: ChaCha8Rng,
     history: Vec<Moment>,
@@ -56,8 +58,9 @@ pub struct Moment {
 }
 
 impl Board {
-    /// A board after its reset. `lag_s` is the time constant with which its pins follow once it is armed, s; 0 for none.
-    pub fn new(seed: u64, lag_s: f64) -> Self {
+    /// A board after its reset. Once it is armed its pins follow with a time constant `lag_s`, s, and the throttle's is off by
+    /// `offset_v`, V; 0 for neither.
+    pub fn new(seed: u64, lag_s: f64, offset_v: f64) -> Self {
         Self {
             state: ArmState::Disarmed,
             watchdog: false,
@@ -66,6 +69,7 @@ impl Board {
             set_uv: [0; 4],
             pins: LOOPS.map(|(_, offset_uv)| Pin { from_uv: offset_uv, to_uv: offset_uv, since_us: 0 }),
             lag_us: lag_s * 1e6,
+            offset_uv: offset_v * 1e6,
             fed_us: 0,
             noise: ChaCha8Rng::seed_from_u64(seed),
             history: Vec::new(),
@@ -209,10 +213,11 @@ impl Board {
         let stepped = f64::from((uv + STEP_UV / 2) / STEP_UV * STEP_UV);
         let (gain, offset_uv) = LOOPS[channel];
         let from_uv = self.pins[channel].at(now_us, self.lag_us());
-        self.pins[channel] = Pin { from_uv, to_uv: gain * stepped + offset_uv, since_us: now_us };
+        let off_uv = if channel == 0 && self.state == ArmState::Armed { self.offset_uv } else { 0.0 };
+        self.pins[channel] = Pin { from_uv, to_uv: gain * stepped + offset_uv + off_uv, since_us: now_us };
     }
 
-    /// A lag from the beginning would be found by the calibration, and never fly.
+    /// A lag, or an offset, from the beginning would be found by the calibration, and never fly.
     fn lag_us(&self) -> f64 {
         if self.state == ArmState::Armed { self.lag_us } else { 0.0 }
     }

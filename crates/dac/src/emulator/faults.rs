@@ -22,6 +22,8 @@ pub struct LinkFaults {
     pub brown_out: Option<f64>,
     /// Time constant with which the pins follow what they are set to, once the board is armed, s.
     pub dac_lag_s: f64,
+    /// The throttle's pin is off by so much, once the board is armed, V.
+    pub dac_offset_v: f64,
     /// The board speaks this protocol version instead.
     pub protocol_version: Option<u8>,
 }

@@ -44,7 +44,7 @@ impl EmulatedPsoc5 {
             master: Some(master),
             link: link.map(Path::to_owned),
             faults,
-            board: Board::new(seed, faults.dac_lag_s),
+            board: Board::new(seed, faults.dac_lag_s, faults.dac_offset_v),
             decoder: Decoder::new(),
             to_board: Wire::new(faults, seed, 1),
             to_host: Wire::new(faults, seed, 2),

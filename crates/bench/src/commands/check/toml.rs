@@ -123,7 +123,7 @@ fn effect(error: &EffectError) -> Told {
 
 /// All that is wrong with a suite and with the rigs and missions that it names. That a board's port is not known yet is no fault of it.
 fn suite(file: &Path) -> Vec<Told> {
-    match Plan::read(file, &Selected::default(), Some(""), &[]) {
+    match Plan::read(file, &Selected::default(), None, &[]) {
         Ok((_, problems)) => problems.iter().map(Told::from).collect(),
         Err(error) => match error.downcast_ref::<RigError>() {
             Some(error) => told(error),
