@@ -77,11 +77,13 @@ impl Chromium {
     }
 
     /// The same, without being told what the page asks for and complains of: all that its sockets read would come along.
+    #[allow(dead_code, reason = "the load that the live page makes is measured by it, not tested")]
     pub fn open_unheard(&mut self, url: &str, size: [u32; 2]) -> Tab {
         self.open_hearing(url, size, &["Page"])
     }
 
     /// Closes a page.
+    #[allow(dead_code, reason = "see `open_unheard`")]
     pub fn close(&mut self, tab: &Tab) {
         self.call(Some(tab), "Page.close", &json!({}));
     }

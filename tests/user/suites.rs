@@ -13,7 +13,7 @@ use serialport::SerialPort as _;
 
 use crate::{
     hil::{Emulated, short_mission},
-    support::{Page, Scratch, bench, json, refused, root, stdout},
+    support::{Page, Scratch, bench, json, refused, stdout},
 };
 
 /// A suite with a case for each result. What is flaky is so by its limit, which lies between the peaks of its repeats.
