@@ -112,14 +112,20 @@ fn rendered(rig: &Rig) -> Vec<Frame> {
     (0..30).map(render).collect()
 }
 
-fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
+/// The virtual rig at another rate of its loop, and a hold of so many seconds.
+fn flown_by(rate_hz: f64, hold_s: f64) -> (Rig, Mission) {
     let rigs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs");
     let mut rig = Rig::load(rigs.join("virtual.toml")).unwrap();
     rig.control_loop.period_s = 1.0 / rate_hz;
     rig.safety.overrun_streak = 10_000;
     let mut mission = Mission::load(rigs.join("missions/climb-040.toml")).unwrap();
     mission.phases.retain(|phase| matches!(phase.action, PhaseAction::Hold { .. }));
-    mission.phases[0].duration_s = (ARMS * turns) as f64 * turn_s;
+    mission.phases[0].duration_s = hold_s;
+    (rig, mission)
+}
+
+fn measure(rate_hz: f64, turns: usize, turn_s: f64) -> Value {
+    let (rig, mission) = flown_by(rate_hz, (ARMS * turns) as f64 * turn_s);
     let calibration = rig.calibration.clone().unwrap();
     let frames = rendered(&rig);
 
@@ -229,7 +235,9 @@ thread_local! {
 fn end_of_turn(clients: &mut [Client; 2]) -> Value {
     let (began, from) = BEGAN.take().expect("a turn counts from some instant on");
     let (s, to) = (began.elapsed().as_secs_f64(), cpu_s());
-    clients.iter_mut().for_each(|client| client.say("off"));
+    for client in clients.iter_mut() {
+        client.say("off");
+    }
     let counted: Vec<Value> = clients.iter_mut().map(Client::told).collect();
     json!({ "s": s, "server_cpu_s": to[0] - from[0], "views_cpu_s": to[1] - from[1], "counted": counted })
 }
