@@ -227,6 +227,30 @@ mod tests {
     }
 
     #[test]
+    fn it_is_what_is_learnt() {
+        // `tools/test_learn.py` has the same decision in Python, and the same figures.
+        let calibration = Calibration {
+            ln_prior_none: 0.0,
+            ln_prior_single: -3.5,
+            ln_prior_pair: -8.5,
+            ln_prior_unknown: -3.4,
+            misfit_share: 0.01,
+            doubt: 0.06,
+            form_probability: 0.03,
+            form_share: 0.19,
+            hidden_share: 0.12,
+            ..Calibration::built_in()
+        };
+        let pair = Weighable { nameless: None, ..hypothesis(&[3, 4], 33.0, 0.0) };
+        let all = [none(20.0), hypothesis(&[3], 30.0, 12.0), hypothesis(&[4], 24.0, 14.0), pair];
+        let found = decided(&all, &calibration);
+        let told = [&found.probabilities[..], &[found.unknown]].concat();
+        for (told, learnt) in told.iter().zip([0.0384, 0.4495, 0.0231, 0.0006, 0.4883]) {
+            assert!((told - learnt).abs() < 1e-4, "{found:?}");
+        }
+    }
+
+    #[test]
     fn nothing_looked_at_and_nothing_finite_keep_probabilities_whole() {
         let calibration = Calibration::built_in();
         let unseen = |h: Weighable| Weighable { nameless: None, ..h };
