@@ -12,7 +12,7 @@ use crate::{
 /// A user's suite: one test for CI, and a pair for the lab.
 const SUITE: &str = r#"
 name = "flight"
-description = "It climbs, and the board flies as simulated."
+description = "It climbs, and hardware flies as simulated."
 
 [[case]]
 name = "climb"

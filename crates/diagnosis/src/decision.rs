@@ -5,7 +5,8 @@
 //!
 //! ```text
 //! v(none)    = 9/10 + 1/10 exp(slight/T)
-//! v(effects) = exp(L/T) (1 - q + q exp(U/T) p(r))             p(r) = exp(-r/mu)/(mu (1 - exp(-1/mu))),   r = U/(L + U)
+//! v(effects) = exp(L/T) (1 - q + q exp(U/T) p(r))
+//!              p(r) = exp(-r/mu)/(mu (1 - exp(-1/mu))),   r = U/(L + U)
 //!
 //! w(none)    = prior v(none)
 //! w(effects) = prior ((1 - s) v(effects) + s sum over those with one effect less of v)
@@ -21,7 +22,8 @@
 //! - **Too small to see.** A share `s` of effects is so small that flights are as probable without them. A second effect like that may
 //!   be any.
 //! - **Doubt.** With a small probability the evidence misleads by more: then `T` is ten times as high.
-//! - **Slight.** The model of an airframe in order is a little wrong too, by up to 0.1 % of gravity. What that explains is no gap.
+//! - **Slight.** The model of an airframe in order is a little wrong, too: by up to 0.1 % of gravity, or by an offset within the tracker's
+//!   noise. What that explains is no gap. Beside effects it is part of another form.
 
 use crate::calibration::Calibration;
 
@@ -41,6 +43,8 @@ pub struct Weighable {
     pub direct: f64,
     /// Gain of a nameless part on top of it, where that was looked at.
     pub nameless: Option<f64>,
+    /// Gain of what any model gets a little wrong; 0 where it was not looked at.
+    pub slight: f64,
 }
 
 /// What the decision comes to.
@@ -60,23 +64,17 @@ pub fn temperature(hypotheses: &[Weighable], calibration: &Calibration) -> f64 {
     1.0 + calibration.misfit_share * hypotheses.iter().map(stake).fold(0.0, f64::max)
 }
 
-/// Weighs hypotheses, among them none, whose slight evidence is given in nats; what the model's own error gains a nameless cause of
-/// nominal flights is taken off that.
-pub fn decide(
-    hypotheses: &[Weighable],
-    slight: f64,
-    nominal_nameless: f64,
-    calibration: &Calibration,
-) -> Decided {
+/// Weighs hypotheses, among them none. What the model's own error gains a nameless cause of nominal flights is taken off that.
+pub fn decide(hypotheses: &[Weighable], nominal_nameless: f64, calibration: &Calibration) -> Decided {
     let temperature = temperature(hypotheses, calibration);
     let at = |temperature: f64| {
         let seen: Vec<f64> =
-            hypotheses.iter().map(|h| ln_seen(h, slight, temperature, calibration)).collect();
+            hypotheses.iter().map(|h| ln_seen(h, temperature, calibration)).collect();
         let weigh = |i: usize| ln_weight(hypotheses, &seen, i, calibration);
         let mut weights: Vec<f64> = (0..hypotheses.len()).map(weigh).collect();
         let with_nameless = hypotheses.iter().filter_map(|h| {
             let nameless = h.nameless? - if h.effects.is_empty() { nominal_nameless } else { 0.0 };
-            let beside = h.effects.len() as f64 * calibration.ln_prior_single;
+            let beside = if h.effects.is_empty() { 0.0 } else { calibration.ln_prior(h.effects.len()) };
             Some(beside + (h.gain + nameless) / temperature)
         });
         weights.push(calibration.ln_prior_unknown + ln_sum(with_nameless));
@@ -109,10 +107,10 @@ fn ln_weight(hypotheses: &[Weighable], seen: &[f64], i: usize, calibration: &Cal
 }
 
 /// Logarithm of what the flights say of a hypothesis whose effects are all seen, or of none.
-fn ln_seen(h: &Weighable, slight: f64, temperature: f64, calibration: &Calibration) -> f64 {
+fn ln_seen(h: &Weighable, temperature: f64, calibration: &Calibration) -> f64 {
     let beside = match h.nameless {
         _ if h.effects.is_empty() => {
-            ln_sum([(1.0 - SLIGHTLY_WRONG).ln(), SLIGHTLY_WRONG.ln() + slight / temperature])
+            ln_sum([(1.0 - SLIGHTLY_WRONG).ln(), SLIGHTLY_WRONG.ln() + h.slight / temperature])
         }
         None => 0.0,
         Some(nameless) => {
@@ -142,7 +140,7 @@ mod tests {
     use super::*;
 
     fn hypothesis(effects: &[usize], gain: f64, nameless: f64) -> Weighable {
-        Weighable { effects: effects.to_vec(), gain, direct: 0.0, nameless: Some(nameless) }
+        Weighable { effects: effects.to_vec(), gain, direct: 0.0, nameless: Some(nameless), slight: 0.0 }
     }
 
     fn none(nameless: f64) -> Weighable {
@@ -154,7 +152,7 @@ mod tests {
     }
 
     fn decided(hypotheses: &[Weighable], calibration: &Calibration) -> Decided {
-        decide(hypotheses, 0.0, 0.0, calibration)
+        decide(hypotheses, 0.0, calibration)
     }
 
     #[test]
@@ -190,8 +188,7 @@ mod tests {
     fn what_a_model_gets_slightly_wrong_is_no_gap() {
         let calibration = Calibration::built_in();
         // An hour of nominal flight: thirty nats for an acceleration of a thousandth of gravity, as many for one of any size.
-        let flights = [none(30.0)];
-        let told = |slight, nominal| decide(&flights, slight, nominal, &calibration);
+        let told = |slight, nominal| decide(&[Weighable { slight, ..none(30.0) }], nominal, &calibration);
         assert!(told(30.0, 0.0).probabilities[0] > 0.5, "{:?}", told(30.0, 0.0));
         assert!(told(0.0, 0.0).unknown > 0.5);
         // What nominal flights leave as well is none either.
@@ -253,7 +250,7 @@ mod tests {
     #[test]
     fn nothing_looked_at_and_nothing_finite_keep_probabilities_whole() {
         let calibration = Calibration::built_in();
-        let unseen = |h: Weighable| Weighable { nameless: None, ..h };
+        let unseen = |h: Weighable| Weighable { nameless: None, slight: 0.0, ..h };
         let found = decided(&[unseen(none(0.0)), unseen(single(f64::NEG_INFINITY, 0.0))], &calibration);
         let whole = found.probabilities.iter().sum::<f64>() + found.unknown;
         assert!((whole - 1.0).abs() < 1e-9, "{found:?}");

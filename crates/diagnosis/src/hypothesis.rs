@@ -55,6 +55,7 @@ impl Hypothesis {
             gain: if self.hidden { f64::NEG_INFINITY } else { self.gain() },
             direct: self.grounds.direct,
             nameless: self.grounds.nameless.as_ref().filter(|_| !self.hidden).map(Nameless::evidence),
+            slight: self.grounds.nameless.map_or(0.0, |found| found.slight),
         }
     }
 }

@@ -20,7 +20,8 @@ pub struct Nameless {
     pub play: f64,
     /// An offset of the tracker.
     pub tracker: f64,
-    /// An acceleration of up to 0.1 % of gravity: what any model gets wrong. It is no part of [`Self::evidence`].
+    /// An acceleration of up to 0.1 % of gravity, or an offset within the tracker's noise: what any model gets wrong. It is no part of
+    /// [`Self::evidence`].
     pub slight: f64,
     /// Readbacks that no law of a pin explains. It adds to the others, for it is of another channel.
     pub readback: f64,

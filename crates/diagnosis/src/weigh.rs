@@ -81,10 +81,9 @@ impl Weighed {
         all.extend(hidden_seconds(&all));
         swings.resize(all.len(), None);
         let none = all.iter().position(|h| h.effects.is_empty()).expect("the null is a hypothesis");
-        let slight = all[none].grounds.nameless.map_or(0.0, |found| found.slight);
         let nominal = nominal_gain(problem, &[UNKNOWN]);
         let Decided { probabilities, unknown, temperature } =
-            decide(&weighables(&all), slight, nominal, calibration);
+            decide(&weighables(&all), nominal, calibration);
         let unknown_gain = all
             .iter()
             .filter_map(|h| {

@@ -99,7 +99,7 @@ fn check(real: &Rig, given: &Track, hover: &Mission, before: &Diagnosis, next: &
 
 #[test]
 fn the_proposed_mission_separates_the_two_that_a_hover_leaves_close() {
-    let (nominal, real) = (rig(), with("quadratic-drag:coefficient_n_s2_per_m2=0.008"));
+    let (nominal, real) = (rig(), with("quadratic-drag:coefficient_n_s2_per_m2=0.01"));
     let hover = mission("climb-040");
     let given = [track(&real, &hover, 1)];
     let before = diagnose(&given);

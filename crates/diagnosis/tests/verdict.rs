@@ -16,7 +16,7 @@ fn calibrations() -> [Calibration; 3] {
     let built_in = Calibration::built_in();
     [
         Calibration { misfit_share: 0.015, doubt: 0.2, ..built_in.clone() },
-        Calibration { ln_prior_none: 0.5, ..built_in.clone() },
+        built_in.with_prior_none(0.5),
         built_in,
     ]
 }

@@ -38,7 +38,8 @@ pub struct Regions {
     pub ceiling: f64,
     /// The same with the prior width integrated over, from 0.2 % to 20 % of gravity, evenly in its logarithm; may be below 0.
     pub nameless: f64,
-    /// The same of widths up to 0.1 % of gravity: what the filter approximates, and any model of an airframe gets wrong.
+    /// Gain of log-evidence of what any model of an airframe and a tracker gets wrong: an acceleration of up to 0.1 % of gravity, or an
+    /// offset of the tracker over altitude of up to a sigma of its noise.
     pub slight: f64,
     /// The part of it that lies along the fitted effects' own quantities: their laws may be of another form.
     pub form: f64,
@@ -146,7 +147,8 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let moment = information.view((0, 0), (of_the_moment, of_the_moment)).into_owned();
     let of_moment = gradient.rows(0, of_the_moment).into_owned();
     let ceiling = best_gain(&moment, &of_moment, &WIDTHS).0;
-    let tracker = seen(&information, &gradient, forces, offsets);
+    let noise_m = fit.noise.measurement_m;
+    let tracker = seen(&information, &gradient, forces, offsets, noise_m);
     // Before the steady one.
     let plays = gradient.len() - 1 - PLAYS.len();
     let is_own = |axis: Axis| fit.effects().iter().any(|effect| own_axes(*effect).contains(&axis));
@@ -159,7 +161,13 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
         axes,
         ceiling,
         nameless: mean_evidence(WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0))),
-        slight: mean_evidence(SLIGHT_WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0))),
+        slight: {
+            let of_tracker = information.view((forces, forces), (offsets, offsets)).into_owned();
+            let slope = gradient.rows(forces, offsets).into_owned();
+            let offset = |share: f64| gain_at(&of_tracker, &slope, share * noise_m).unwrap_or(0.0);
+            let [narrow, wide] = SLIGHT_WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0));
+            mean_evidence([narrow, wide, offset(0.5), offset(1.0)])
+        },
         form,
         past: if is_own(Axis::Past) { 0.0 } else { past },
         drift: if is_own(Axis::Charge) { 0.0 } else { drift(fit, &pass) },
@@ -219,9 +227,12 @@ fn seen(
     gradient: &DVector<f64>,
     first: usize,
     hats: usize,
+    noise_m: f64,
 ) -> Vec<(&'static str, f64)> {
+    // Within its noise an offset is none that a tracker is blamed for.
+    let plain = OFFSETS_M.map(|s| s.max(noise_m));
     let parts: [(&str, usize, usize, &[f64]); 4] = [
-        ("altitude", first, hats, &OFFSETS_M),
+        ("altitude", first, hats, &plain),
         ("thrust", first + hats, 1, &THRUST_OFFSETS_M),
         ("time", first + hats + 1, 1, &DRIFTS_M_S),
         ("latency", first + hats + 2, 1, &LATENCY_DRIFTS),
