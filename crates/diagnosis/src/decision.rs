@@ -68,8 +68,7 @@ pub fn temperature(hypotheses: &[Weighable], calibration: &Calibration) -> f64 {
 pub fn decide(hypotheses: &[Weighable], nominal_nameless: f64, calibration: &Calibration) -> Decided {
     let temperature = temperature(hypotheses, calibration);
     let at = |temperature: f64| {
-        let seen: Vec<f64> =
-            hypotheses.iter().map(|h| ln_seen(h, temperature, calibration)).collect();
+        let seen: Vec<f64> = hypotheses.iter().map(|h| ln_seen(h, temperature, calibration)).collect();
         let weigh = |i: usize| ln_weight(hypotheses, &seen, i, calibration);
         let mut weights: Vec<f64> = (0..hypotheses.len()).map(weigh).collect();
         let with_nameless = hypotheses.iter().filter_map(|h| {

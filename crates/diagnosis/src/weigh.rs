@@ -82,8 +82,7 @@ impl Weighed {
         swings.resize(all.len(), None);
         let none = all.iter().position(|h| h.effects.is_empty()).expect("the null is a hypothesis");
         let nominal = nominal_gain(problem, &[UNKNOWN]);
-        let Decided { probabilities, unknown, temperature } =
-            decide(&weighables(&all), nominal, calibration);
+        let Decided { probabilities, unknown, temperature } = decide(&weighables(&all), nominal, calibration);
         let unknown_gain = all
             .iter()
             .filter_map(|h| {
