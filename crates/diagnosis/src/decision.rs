@@ -19,8 +19,8 @@
 //! - **Temperature.** Laws that are a little wrong are wrong by a share of what they explain. So differences of evidence count less the
 //!   more nats are at stake (a power likelihood: Grünwald and van Ommen, *Inconsistency of Bayesian inference for misspecified linear
 //!   models*, Bayesian Analysis 12, 2017). At small stakes `T` is 1, which is Bayes' rule.
-//! - **Too small to see.** A share `s` of effects is so small that flights are as probable without them. A second effect like that may
-//!   be any.
+//! - **Too small to see.** A share `s` of effects is so small that flights are as probable without them. So it is with effects of which
+//!   flights say nothing at all.
 //! - **Doubt.** With a small probability the evidence misleads by more: then `T` is ten times as high.
 //! - **Slight.** The model of an airframe in order is a little wrong, too: by up to 0.1 % of gravity, or by an offset within the tracker's
 //!   noise. What that explains is no gap. Beside effects it is part of another form.
@@ -37,7 +37,7 @@ const SLIGHTLY_WRONG: f64 = 0.1;
 pub struct Weighable {
     /// Library indices of what it names.
     pub effects: Vec<usize>,
-    /// Gain of log-evidence over none, nats; below all numbers where one of its effects is too small to be seen.
+    /// Gain of log-evidence over none, nats; of an effect of which flights say nothing as much as without it.
     pub gain: f64,
     /// What of it direct channels gain.
     pub direct: f64,

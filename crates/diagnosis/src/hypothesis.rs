@@ -19,7 +19,7 @@ pub struct Hypothesis {
     pub grounds: Grounds,
     /// What its fit leaves, where that was looked at.
     pub regions: Option<Regions>,
-    /// Whether its second effect is too small to be seen: nothing was fitted but the first.
+    /// Whether the flights say nothing of one of its effects, which was not fitted.
     pub hidden: bool,
 }
 
@@ -52,7 +52,7 @@ impl Hypothesis {
     pub fn weighable(&self) -> Weighable {
         Weighable {
             effects: self.effects.clone(),
-            gain: if self.hidden { f64::NEG_INFINITY } else { self.gain() },
+            gain: self.gain(),
             direct: self.grounds.direct,
             nameless: self.grounds.nameless.as_ref().filter(|_| !self.hidden).map(Nameless::evidence),
             slight: self.grounds.nameless.map_or(0.0, |found| found.slight),
@@ -107,13 +107,21 @@ pub fn hypotheses(problem: &Problem<'_>, search: &Search, direct: &Direct) -> Ve
             }
         }
     }
+    // Of other effects these flights say nothing, neither for nor against.
+    for effect in 0..LIBRARY.len() {
+        if !all.iter().any(|h| h.effects == [effect]) {
+            let grounds = Grounds::default();
+            let (effects, direct) = (vec![effect], Vec::new());
+            all.push(Hypothesis { effects, fit: 0, direct, grounds, regions: None, hidden: true });
+        }
+    }
     all
 }
 
-/// Pairs of each single effect with any other that are not among the hypotheses: with a second that is too small to be seen.
+/// Pairs of each single effect with any other that are not among the hypotheses: the flights say nothing of the second.
 pub fn hidden_seconds(all: &[Hypothesis]) -> Vec<Hypothesis> {
     let mut hidden: Vec<Hypothesis> = Vec::new();
-    for single in all.iter().filter(|h| h.effects.len() == 1) {
+    for single in all.iter().filter(|h| h.effects.len() == 1 && !h.hidden) {
         for second in 0..LIBRARY.len() {
             let effects = [single.effects[0], second];
             let known = |h: &Hypothesis| same(&h.effects, &effects);

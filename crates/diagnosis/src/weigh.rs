@@ -56,8 +56,9 @@ impl Weighed {
         let looked_at: Vec<usize> = (0..all.len())
             .filter(|i| {
                 let effects = all[*i].effects.len();
-                singles += usize::from(effects == 1);
-                effects == 0 || *i < LOOKED_AT || effects == 1 && singles <= SINGLES_LOOKED_AT
+                singles += usize::from(effects == 1 && !all[*i].hidden);
+                effects == 0
+                    || !all[*i].hidden && (*i < LOOKED_AT || effects == 1 && singles <= SINGLES_LOOKED_AT)
             })
             .collect();
         let found: Vec<(Regions, Nameless, Option<Waves>)> = looked_at

@@ -84,9 +84,9 @@ fn check(real: &Rig, given: &Track, hover: &Mission, before: &Diagnosis, next: &
         let all = |mission: &Mission| [given.clone(), track(real, mission, seed)];
         let after = diagnose(&all(&flown));
         assert_eq!((after.verdict, after.effects.as_slice()), (Verdict::Effect, &pair[..1]), "{after:#?}");
-        // The built-in calibration keeps some doubt whatever the evidence.
+        // The built-in calibration keeps some doubt whatever the evidence, and room for a second cause.
         let Calibration { doubt, .. } = Calibration::built_in();
-        assert!(after.confidence > 0.9 - doubt, "{:#?}", after.candidates);
+        assert!(after.confidence > 0.85 * (0.98 - doubt), "{:#?}", after.candidates);
         // A log-likelihood ratio scatters by the root of twice its mean, a third here at most; the rest of the factor of
         // 2.5 is noise that the diagnosis fits anew, other forms, and the given flights taken for a parabola.
         let measured = lead(&after, pair) - lead(before, pair);
