@@ -146,7 +146,8 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     let of_the_moment = hat_axes.len();
     let moment = information.view((0, 0), (of_the_moment, of_the_moment)).into_owned();
     let of_moment = gradient.rows(0, of_the_moment).into_owned();
-    let ceiling = best_gain(&moment, &of_moment, &WIDTHS).0;
+    let gains = WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0));
+    let ceiling = gains.into_iter().fold(0.0, f64::max);
     let noise_m = fit.noise.measurement_m;
     let tracker = seen(&information, &gradient, forces, offsets, noise_m);
     // Before the steady one.
@@ -160,7 +161,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
     Regions {
         axes,
         ceiling,
-        nameless: mean_evidence(WIDTHS.map(|s| gain_at(&moment, &of_moment, s).unwrap_or(0.0))),
+        nameless: mean_evidence(gains),
         slight: {
             let of_tracker = information.view((forces, forces), (offsets, offsets)).into_owned();
             let slope = gradient.rows(forces, offsets).into_owned();
