@@ -21,8 +21,8 @@ const DEPENDENCE: f64 = 2.8;
 const LEVEL: f64 = 1e-3;
 
 /// A parameter is tried over so many steps either way, each of so much: of its logarithm, or of its value.
-const STEPS: i32 = 8;
-const STEP: f64 = 0.25;
+const STEPS: i32 = 8; // numerical
+const STEP: f64 = 0.25; // numerical
 
 /// Flights that are not of one condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -3,18 +3,17 @@
 use bench_filter::{Coordinate, HORIZONS_S, Point, predict};
 use bench_inference::{Fit, Problem};
 use bench_plant::effects::LIBRARY;
+use bench_statistics::FAR_SIGMAS;
 use rayon::prelude::*;
 use serde::Serialize;
 
 /// Which of the horizons is told.
-const HORIZON: usize = 1;
+const HORIZON: usize = 1; // numerical
 /// An error so many times what is allowed is far outside: the library's effects at three sigma of their priors reach six. An offset of
 /// the throttle that is 70 tolerances off reaches nine.
 const FAR: f64 = 7.0;
 /// A number of the rig further off than so many tolerances is another one.
 const MOST_TOLERANCES: f64 = 10.0;
-/// An effect further off than so many deviations of its prior is none that the library means.
-const MOST_DEVIATIONS: f64 = 4.0;
 
 /// How far off predictions are, and may be.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -100,7 +99,7 @@ fn noise_m2(problem: &Problem<'_>) -> f64 {
     let (n, t) = (&problem.noise, HORIZONS_S[HORIZON]);
     let pushed = 0.5 * t * t;
     n.measurement_m.powi(2)
-        + n.acceleration.powi(2) * t.powi(3) / 3.0
+        + n.acceleration.powi(2) * t.powi(3) / 3.0 // unit
         + (n.trim.powi(2) + n.turbulence.powi(2)) * pushed * pushed
 }
 
@@ -125,7 +124,7 @@ fn off(problem: &Problem<'_>, fit: &Fit) -> Vec<Off> {
                 Coordinate::Effect { slot, parameter } => {
                     let spec = LIBRARY[fit.point.effects[slot].0];
                     let p = spec.parameters[parameter];
-                    let size = p.neutral.is_some() && sigmas.abs() > MOST_DEVIATIONS;
+                    let size = p.neutral.is_some() && sigmas.abs() > FAR_SIGMAS;
                     size.then_some(Off { effect: Some(spec.name), name: p.key, nominal, fitted, sigmas })
                 }
             }

@@ -33,12 +33,12 @@ pub struct Chain {
 }
 
 /// On whole flights of so many readbacks sizes are looked for, and on so many they are refined.
-const ROUGH_PINS: usize = 700;
-const FINE_PINS: usize = 6_000;
+const ROUGH_PINS: usize = 700; // numerical
+const FINE_PINS: usize = 6_000; // numerical
 /// So many of the best of each two laws are refined, each size in turn, over spans that shrink.
-const REFINED: usize = 3;
-const SPANS: [f64; 4] = [0.04, 0.015, 0.005, 0.0015];
-const SPAN_STEPS: i32 = 15;
+const REFINED: usize = 3; // numerical
+const SPANS: [f64; 4] = [0.04, 0.015, 0.005, 0.0015]; // numerical
+const SPAN_STEPS: i32 = 15; // numerical
 
 /// The likeliest two laws of all that a chain may have, in either order.
 pub fn chain(channel: &PinChannel<'_>) -> Option<Chain> {
@@ -67,8 +67,8 @@ fn sizes(channel: &PinChannel<'_>) -> [Vec<Bend>; 3] {
     let highest = channel.pins().map(|pin| pin.asked).fold(min, f64::max);
     [
         channel.coarse_steps().map(Bend::Steps).collect(),
-        evenly_in_log(0.0015, 0.15, 40).map(|fraction| Bend::Play(fraction * (max - min))).collect(),
-        (1..60).map(|i| Bend::Limit(highest - 0.01 * f64::from(i) * (highest - min))).collect(),
+        evenly_in_log(0.0015, 0.15, 40).map(|fraction| Bend::Play(fraction * (max - min))).collect(), // numerical
+        (1..60).map(|i| Bend::Limit(highest - 0.01 * f64::from(i) * (highest - min))).collect(), // numerical
     ]
 }
 

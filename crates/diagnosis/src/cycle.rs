@@ -14,7 +14,7 @@ pub struct Cycle {
 }
 
 /// The longest cycle that is looked for, and how often it must come in a flight of mean length.
-const LONGEST: usize = 100;
+const LONGEST: usize = 100; // numerical
 const LEAST_TURNS: usize = 4;
 
 /// Iterations of one phase of a cycle: sums of their ranks and of their lateness, s, and how many they are.

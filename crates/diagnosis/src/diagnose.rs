@@ -261,13 +261,13 @@ pub struct FlightUsed {
 pub const PLAIN_NATS: f64 = 3.0;
 
 /// Sigmas of an interval of 90 %,
-const INTERVAL_SIGMAS: f64 = 1.645;
+const INTERVAL_SIGMAS: f64 = 1.645; // unit
 /// and by how much sigma is wider, for measurements that are not quite independent.
 const WIDENED: f64 = 1.2;
 /// One sigma of what another form of a law makes of its parameters, as a fraction: learnt with the calibration.
 pub(crate) const FORM_SIGMA: f64 = 0.25;
 /// How sure a set is to hold the truth.
-const SET_PROBABILITY: f64 = 0.9;
+const SET_PROBABILITY: f64 = 0.9; // unit
 
 /// What is said of a fit whose posterior has no width.
 fn undetermined(fit: &Fit) -> String {
@@ -412,7 +412,7 @@ fn six_digits(x: f64) -> f64 {
 }
 
 /// Pairs less probable are not told.
-const TOLD_PROBABILITY: f64 = 1e-4;
+const TOLD_PROBABILITY: f64 = 1e-4; // unit
 
 fn candidates(problem: &Problem<'_>, weighed: &Weighed, search: &Search, direct: &Direct) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = weighed

@@ -90,7 +90,7 @@ fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     if typical_s > ORDINARY_WAY_S {
         out.findings.push(Finding {
             channel: "round trip",
-            text: format!("the output follows its commands {:.0} ms late in the median", 1e3 * typical_s),
+            text: format!("the output follows its commands {:.0} ms late in the median", 1e3 * typical_s), // unit
         });
         let ratio = typical_s / ORDINARY_WAY_S;
         let gain = answered as f64 * (0.5 * (ratio * ratio - 1.0) - ratio.ln()) - LAW_COST;
@@ -129,10 +129,10 @@ fn answers(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     }
 }
 
-/// Fewest iterations of which anything is told.
-const LEAST_TICKS: usize = 50;
+/// Fewest iterations, frames or waits of which anything is told.
+const LEAST_SAMPLES: usize = 50;
 /// Lateness that any soft real-time loop has, s: below, nothing is told.
-const ORDINARY_LATENESS_S: f64 = 0.001;
+const ORDINARY_LATENESS_S: f64 = 0.001; // physics
 /// Less than this in turn is the beat of two clocks, s.
 const LATE_IN_TURN_S: f64 = 0.002;
 /// So many scales of the ordinary beyond the median an iteration is late.
@@ -141,7 +141,7 @@ const LATE_SCALES: f64 = 8.0;
 fn ticks(tracks: &[Track], out: &mut Direct) {
     let flights: Vec<&[f64]> = tracks.iter().map(|track| track.lateness_s.as_slice()).collect();
     let mut all = flights.concat();
-    if all.len() < LEAST_TICKS {
+    if all.len() < LEAST_SAMPLES {
         return;
     }
     all.sort_by(f64::total_cmp);
@@ -153,7 +153,7 @@ fn ticks(tracks: &[Track], out: &mut Direct) {
                 "in turn, one in {} of {} iterations started late, by {:.1} ms in the mean",
                 cycle.length,
                 all.len(),
-                1e3 * cycle.later_s
+                1e3 * cycle.later_s // unit
             );
             (cycle.gain - LAW_COST, vec![(cycle.length as f64).recip(), cycle.later_s], text)
         });
@@ -197,20 +197,20 @@ fn late_tail(all: &[f64]) -> Option<(f64, Vec<f64>, String)> {
         "{} of {} iterations started late, by {:.0} ms in the mean and {:.0} ms at most",
         late.len(),
         all.len(),
-        1e3 * mean,
-        1e3 * late.iter().copied().fold(0.0, f64::max)
+        1e3 * mean,                                     // unit
+        1e3 * late.iter().copied().fold(0.0, f64::max)  // unit
     );
     Some((gain, vec![share, mean], text))
 }
 
 /// Share of frames that any tracker may lose.
-const ORDINARY_LOSS: f64 = 5e-4;
+const ORDINARY_LOSS: f64 = 5e-4; // physics
 
 fn frames(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let told: usize = tracks.iter().map(|t| t.frames_told).sum();
     let bursts: Vec<usize> = tracks.iter().flat_map(|t| t.bursts.iter().copied()).collect();
     let lost: usize = bursts.iter().sum();
-    if told < 50 || lost == 0 {
+    if told < LEAST_SAMPLES || lost == 0 {
         return;
     }
     let n = (told + lost) as f64;
@@ -218,7 +218,7 @@ fn frames(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     // Gilbert's chain against single losses at the ordinary rate.
     let k = bursts.len() as f64;
     let rate = k / n;
-    let stay = ((lost as f64 - k) / lost as f64).clamp(0.02, 0.98);
+    let stay = ((lost as f64 - k) / lost as f64).clamp(0.02, 0.98); // numerical
     let gain = k * (rate / ordinary).ln() - (n - lost as f64) * (rate - ordinary)
         + (lost as f64 - k) * (stay / ordinary).ln()
         + k * (1.0 - stay).ln()
@@ -240,7 +240,7 @@ fn frames(tracks: &[Track], rig: &Rig, out: &mut Direct) {
 }
 
 /// Spread of arrivals about a regular clock that any bus has, s.
-const ORDINARY_JITTER_S: f64 = 0.0018;
+const ORDINARY_JITTER_S: f64 = 0.0018; // physics
 
 /// Share of frames that come with the one before, from which on they wait in a queue.
 const QUEUED: f64 = 0.1;
@@ -249,7 +249,7 @@ fn arrivals(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let (mut n, mut fast, mut slow, mut wait) = (0.0, 0.0, 0.0, 0.0);
     let (mut together, mut own_s) = (0.0, 0.0);
     for track in tracks {
-        if track.waits_s.len() < 50 {
+        if track.waits_s.len() < LEAST_SAMPLES {
             continue;
         }
         let waits = &track.waits_s;
@@ -284,7 +284,7 @@ fn arrivals(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     if gain(fast) > 0.0 && (queued || fast > 0.6 * slow) {
         out.findings.push(Finding {
             channel: "arrivals",
-            text: format!("frames arrive {:.1} ms (one sigma) off a regular clock", 1e3 * slow),
+            text: format!("frames arrive {:.1} ms (one sigma) off a regular clock", 1e3 * slow), // unit
         });
         out.effects.push(DirectEffect {
             effect: read_as(Reading::LateFrames),
@@ -296,7 +296,7 @@ fn arrivals(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     } else if gain(slow) > 0.0 {
         out.findings.push(Finding {
             channel: "arrivals",
-            text: format!("the latency of frames wanders by {:.1} ms (one sigma)", 1e3 * slow),
+            text: format!("the latency of frames wanders by {:.1} ms (one sigma)", 1e3 * slow), // unit
         });
         out.effects.push(DirectEffect {
             effect: read_as(Reading::Latency),

@@ -22,12 +22,12 @@ pub struct Figure {
 impl Figure {
     /// A figure of all flights with its interval over resampled ones, which holds the figure itself.
     pub(crate) fn over_flights<T>(seed: u64, flights: &[T], of: impl Fn(&[&T]) -> f64) -> Self {
-        const RESAMPLES: usize = 400;
+        const RESAMPLES: usize = 400; // numerical
         let value = of(&flights.iter().collect::<Vec<_>>());
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let drawn = bootstrap(&mut rng, flights, RESAMPLES, |drawn| Some(of(drawn)));
         // A twentieth of the draws lies beyond either end.
-        let [low, high] = drawn.trimmed_range(20).unwrap_or([value; 2]);
+        let [low, high] = drawn.trimmed_range(20).unwrap_or([value; 2]); // unit
         Self { value, low: low.min(value), high: high.max(value) }
     }
 }

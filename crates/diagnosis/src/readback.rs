@@ -3,7 +3,7 @@
 use bench_filter::{Pin, Track, dragged, readback_sigma};
 use bench_plant::effects::{LIBRARY, Reading, read_as};
 use bench_rig::Rig;
-use bench_statistics::{evenly_in_log, median_high};
+use bench_statistics::{FAR_SIGMAS, evenly_in_log, median_high};
 use rayon::prelude::*;
 
 use crate::{
@@ -19,27 +19,27 @@ const FORM_SHARE: f64 = 0.3;
 const SECOND_SHARE: f64 = 0.02;
 /// Steps of its own that a law has which an output rounds again, as a fraction of the output's: from, to, by what part of a step
 /// those that are tried differ at the range's end, and on how many readbacks they are tried.
-const FINEST: f64 = 0.2;
-const COARSEST: f64 = 3.0;
-const FINE_APART: f64 = 0.2;
+const FINEST: f64 = 0.2; // numerical
+const COARSEST: f64 = 3.0; // numerical
+const FINE_APART: f64 = 0.2; // numerical
 /// More than an output of 8 bits needs: what a finer one rounds again is below its readback's noise.
-const MOST_FINE: u32 = 6_000;
-const FINE_PINS: usize = 500;
+const MOST_FINE: u32 = 6_000; // numerical
+const FINE_PINS: usize = 500; // numerical
 /// About so many of the best, so many to either side are tried.
-const FINE_REFINED: usize = 8;
-const FINE_BETWEEN: i32 = 10;
+const FINE_REFINED: usize = 8; // numerical
+/// So many times its softness below a limit, nothing of it is felt.
+const FADED: f64 = 8.0; // numerical
+const FINE_BETWEEN: i32 = 10; // numerical
 /// Treads are found on so many readbacks, each costs so many nats, for its level and where it begins, and moves no pin by more
 /// than so many mean rises.
-const TREAD_PINS: usize = 1_500;
+const TREAD_PINS: usize = 1_500; // numerical
 const TREAD_COST: f64 = 6.0;
 const LONGEST_TREAD: f64 = 2.2;
 /// Where in a period a pin may have been read, in logs that do not say.
-const READ_AFTER: [f64; 6] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.95];
+const READ_AFTER: [f64; 6] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.95]; // numerical
 /// Fewest flights whose scales are compared, and nats that each one's costs.
 const LEAST_FLIGHTS: usize = 3;
 const SCALE_COST: f64 = 1.0;
-/// Readbacks nearer than this to a scale tell it.
-const NEAR_SIGMAS: f64 = 4.0;
 
 /// A law of the pins: what each holds, iteration by iteration of a flight.
 struct PinLaw {
@@ -61,13 +61,11 @@ struct Scales {
 
 /// One sigma of what another form of a law makes of the displacement of a pin, as a share of it.
 const FORM_SIGMA: f64 = 0.1;
-/// Beyond so many sigma of its noise a readback is off.
-const OFF_SIGMAS: f64 = 4.0;
 
 /// How many readbacks are off, and the RMS of how far those are from what the output was told, in units of the actuation.
 fn displacement(pins: &[Pin], noise: f64) -> (usize, f64) {
     let off =
-        pins.iter().map(|pin| pin.readback - pin.commanded).filter(|off| off.abs() > OFF_SIGMAS * noise);
+        pins.iter().map(|pin| pin.readback - pin.commanded).filter(|off| off.abs() > FAR_SIGMAS * noise);
     let (count, squares) = off.fold((0, 0.0), |(count, squares), off| (count + 1, squares + off * off));
     (count, (squares / count.max(1) as f64).sqrt())
 }
@@ -103,7 +101,7 @@ impl PinChannel<'_> {
             let (at, sigma) = if told == pin.asked {
                 (pin.commanded, self.sigma)
             } else {
-                (told, self.sigma.hypot(self.step / 12_f64.sqrt()))
+                (told, self.sigma.hypot(self.step / 12_f64.sqrt())) // unit
             };
             sum += capped(pin.readback - at, sigma) + (sigma / self.sigma).ln();
         }
@@ -128,7 +126,7 @@ impl PinChannel<'_> {
     fn saturation(&self) -> Option<PinLaw> {
         let ends: [&[f64]; 3] = [&[1.0], &[-1.0], &[1.0, -1.0]];
         let tried = ends.into_iter().flat_map(|ends| {
-            [0.0, 0.002, 0.005, 0.012].into_iter().map(move |softness| self.limits(ends, softness))
+            [0.0, 0.002, 0.005, 0.012].into_iter().map(move |softness| self.limits(ends, softness)) // numerical
         });
         tried.min_by(|a, b| a.excess.total_cmp(&b.excess))
     }
@@ -163,10 +161,10 @@ impl PinChannel<'_> {
             let over = along(told) - level;
             let beyond = if softness == 0.0 {
                 over.max(0.0)
-            } else if over < -8.0 * softness {
+            } else if over < -FADED * softness {
                 0.0
             } else {
-                softness * (over / softness).min(40.0).exp().ln_1p().max(over / softness)
+                softness * (over / softness).min(40.0).exp().ln_1p().max(over / softness) // numerical
             };
             // The stick at its lower end may stop the motors, floor or not.
             let off = up < 0.0 && pin.asked <= min && 2.0 * (pin.readback - pin.asked) < beyond;
@@ -176,12 +174,12 @@ impl PinChannel<'_> {
             let mut held = told.iter().zip(pins).map(|(told, pin)| limited(*told, pin, level));
             (self.flight(pins, &mut |pin, _| held.next().unwrap_or(pin.asked)), level)
         };
-        let step = 0.01 * furthest;
-        let coarse = (0..60).map(|i| at(furthest - step * f64::from(i)));
+        let step = 0.01 * furthest; // numerical
+        let coarse = (0..60).map(|i| at(furthest - step * f64::from(i))); // numerical
         let near = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
         let finer = near
             .into_iter()
-            .flat_map(|(_, level)| (-9..10).map(move |i| (level + 0.1 * step * f64::from(i)).min(furthest)));
+            .flat_map(|(_, level)| (-9..10).map(move |i| (level + 0.1 * step * f64::from(i)).min(furthest))); // numerical
         let Some((excess, level)) = finer.map(at).min_by(|a, b| a.0.total_cmp(&b.0)) else {
             return (0.0, None);
         };
@@ -234,7 +232,7 @@ impl PinChannel<'_> {
                 median_high(above().map(|pin| (pin.readback - min) / (pin.commanded - min)).collect())?;
             // A median needs half as many readbacks again for what least squares tell.
             let near = above().filter(|pin| {
-                (pin.readback - min - rough * (pin.commanded - min)).abs() < NEAR_SIGMAS * self.sigma
+                (pin.readback - min - rough * (pin.commanded - min)).abs() < FAR_SIGMAS * self.sigma
             });
             let (xy, xx) = near.fold((0.0, 0.0), |(xy, xx), pin| {
                 let x = pin.commanded - min;
@@ -261,7 +259,7 @@ impl PinChannel<'_> {
     /// Steps that are tried, coarser than the output's own.
     pub fn coarse_steps(&self) -> impl Iterator<Item = f64> {
         let range = self.rig.airframe.sticks.max - self.rig.airframe.sticks.min;
-        evenly_in_log((1.2 * self.step / range).max(0.001), 0.12, 160).map(move |step| step * range)
+        evenly_in_log((1.2 * self.step / range).max(0.001), 0.12, 160).map(move |step| step * range) // numerical
     }
 
     /// Coarse steps from rest, rounded or cut.
@@ -411,7 +409,7 @@ impl PinChannel<'_> {
         read.iter()
             .map(|share| share * self.rig.control_loop.period_s)
             .flat_map(|read_s| {
-                evenly_in_log(0.003, 0.5, 60).map(move |time_constant_s| (time_constant_s, read_s))
+                evenly_in_log(0.003, 0.5, 60).map(move |time_constant_s| (time_constant_s, read_s)) // numerical
             })
             .map(|(time_constant_s, read_s)| PinLaw {
                 effect: read_as(Reading::PinLag),
@@ -434,7 +432,7 @@ impl PinChannel<'_> {
                 held
             })
         };
-        evenly_in_log(0.0005, 0.15, 120)
+        evenly_in_log(0.0005, 0.15, 120) // numerical
             .map(|fraction| fraction * range)
             .map(|width| PinLaw {
                 effect: read_as(Reading::PinHysteresis),
@@ -467,17 +465,17 @@ impl PinChannel<'_> {
                 held
             })
         };
-        let creeps: &[f64] = if jumps { &[0.0] } else { &[0.0, 0.07, 0.14] };
+        let creeps: &[f64] = if jumps { &[0.0] } else { &[0.0, 0.07, 0.14] }; // numerical
         let try_all = |widths: &mut dyn Iterator<Item = f64>| {
             widths
                 .flat_map(|width| creeps.iter().map(move |creep| (width, *creep)))
                 .map(|(width, creep)| (excess(width, creep), width))
                 .min_by(|a, b| a.0.total_cmp(&b.0))
         };
-        let coarse = evenly_in_log(0.0015, 0.15, 60).map(|fraction| fraction * range);
+        let coarse = evenly_in_log(0.0015, 0.15, 60).map(|fraction| fraction * range); // numerical
         let (_, about) = try_all(&mut { coarse })?;
         // One jump missed is many residuals: the width must be right to a fraction of a step.
-        let fine = (-40..=40).map(|i| about * (1.0 + 0.002 * f64::from(i)));
+        let fine = (-40..=40).map(|i| about * (1.0 + 0.002 * f64::from(i))); // numerical
         let (excess, width) = try_all(&mut { fine })?;
         Some(PinLaw { effect: read_as(Reading::PinHysteresis), excess, values: vec![width / range] })
     }
@@ -494,7 +492,7 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
     let step = rig.output.step(&rig.airframe.sticks);
     let noise = readback_sigma(&all, rig);
     // Steps in places of their own are as good as noise.
-    let noise = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise };
+    let noise = if rig.output.own_step.is_some() { noise.hypot(step / 12_f64.sqrt()) } else { noise }; // unit
     let exact = PinChannel { rig, flights, sigma: noise, step };
     let readbacks = all.len() as f64;
     // What a right law leaves of so many readbacks of noise; that is itself estimated from them, the fewer the worse.
@@ -521,7 +519,7 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
             channel: "readback",
             text: format!(
                 "the scale of readback over command differs between flights by up to {:.2} %",
-                100.0 * scales.spread
+                100.0 * scales.spread // unit
             ),
         });
         out.unexplained_pins = scales.gain.min(MOST_DIRECT);
@@ -569,7 +567,7 @@ pub fn pins(tracks: &[Track], rig: &Rig, out: &mut Direct) {
         text: format!(
             "{off} of {} readbacks differ from the command by more than four sigma of their noise ({:.2} % of the range)",
             all.len(),
-            100.0 * noise / range
+            100.0 * noise / range // unit
         ),
     });
 }

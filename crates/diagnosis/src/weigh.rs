@@ -16,10 +16,10 @@ use crate::{
 pub const UNKNOWN: &str = "unknown";
 
 /// So many of the leading hypotheses are looked at for what they leave, and as many single effects at least,
-const LOOKED_AT: usize = 6;
-const SINGLES_LOOKED_AT: usize = 5;
+const LOOKED_AT: usize = 6; // numerical
+const SINGLES_LOOKED_AT: usize = 5; // numerical
 /// and so many of them closely.
-const LOOKED_AT_CLOSELY: usize = 4;
+const LOOKED_AT_CLOSELY: usize = 4; // numerical
 
 /// All hypotheses, most probable first, and the one that none of them is true.
 pub struct Weighed {

@@ -8,7 +8,7 @@ pub type State = [f64; 4];
 pub type Covariance = [[f64; 4]; 4];
 
 pub(crate) const IDENTITY: Covariance =
-    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]; // unit
 
 /// Spread of altitude when the airframe leaves the ground, m.
 pub const LIFT_OFF_M: f64 = 0.001;
@@ -51,7 +51,7 @@ impl Transition {
         let kink = if near_ground { noise.near_ground } else { 0.0 };
         let q = noise.acceleration.powi(2) + kink.powi(2);
         let dot = |a: &[f64; 4], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + (a[2] + a[3]) * b[2];
-        let p00 = dot(&fz, &self.z) + q * h * h * h / 3.0;
+        let p00 = dot(&fz, &self.z) + q * h * h * h / 3.0; // unit
         let p01 = dot(&fz, &self.v) + q * h * h / 2.0;
         let p11 = dot(&fv, &self.v) + q * h;
         let (p02, p12) = (fz[2], fv[2]);
@@ -81,7 +81,7 @@ pub(crate) fn reset_covariance(p: &mut Covariance, noise: &Noise) {
 /// What touching ground or ceiling leaves of a covariance.
 pub(crate) fn stop_covariance(p: &mut Covariance) {
     p[0] = [1e-6, 0.0, 0.0, 0.0];
-    p[1] = [0.0, 1e-3, 0.0, 0.0];
+    p[1] = [0.0, 1e-3, 0.0, 0.0]; // numerical
     for row in &mut p[2..] {
         row[0] = 0.0;
         row[1] = 0.0;

@@ -19,24 +19,26 @@ use crate::{
 /// Time constant against which a change of thrust is taken, s.
 const CHANGE_TIME_S: f64 = 0.3;
 /// Time constant for which the air about an airframe may remember where it was, s.
-const PAST_TIME_S: f64 = 2.0;
+const PAST_TIME_S: f64 = 2.0; // numerical
 /// Differences over which the force's slopes are taken, m and m/s: small against the ground effect's 5 cm.
-const DZ: f64 = 1e-4;
-const DV: f64 = 1e-3;
+const DZ: f64 = 1e-4; // numerical
+const DV: f64 = 1e-3; // numerical
 /// For so long laws are held at what was there before the flight, s: they settle on it.
-const AT_REST_S: f64 = 1e-6;
+const AT_REST_S: f64 = 1e-6; // numerical
 /// Steps up to this long, s, are made by the midpoint rule, longer ones by that of Runge and Kutta. One such step leads to a measurement
 /// that is no further off, with the mean thrust, whatever edges the throttle has on the way: if it steps by a tenth of the weight there,
 /// altitude is off by a hundredth of a millimetre.
-const SHORT_STEP_S: f64 = 0.012;
+const SHORT_STEP_S: f64 = 0.012; // numerical
 /// Longest integration step, s, and the longest near the ground, where the air changes within centimetres.
-const STEP_S: f64 = 0.1001;
-const NEAR_GROUND_STEP_S: f64 = 0.034;
+const STEP_S: f64 = 0.1001; // numerical
+const NEAR_GROUND_STEP_S: f64 = 0.034; // numerical
 /// Near the ground a step leads no further than this share of the ground effect's height, and is no shorter than this, s;
 /// near is nearer than so many of its heights.
-const STEP_OF_GROUND_EFFECT: f64 = 0.125;
-const LEAST_STEP_S: f64 = 0.003;
-const NEAR_HEIGHTS: f64 = 3.0;
+const STEP_OF_GROUND_EFFECT: f64 = 0.125; // numerical
+const LEAST_STEP_S: f64 = 0.003; // numerical
+const NEAR_HEIGHTS: f64 = 3.0; // numerical
+/// Of so many correlation times at most a step is short.
+const SHORT: f64 = 0.2; // numerical
 /// Below this altitude the ground effect's kink makes the model uncertain, m.
 pub const NEAR_GROUND_M: f64 = 0.07;
 /// Seen so many sigma above a ceiling, twice in a row, an airframe was not stopped by it.
@@ -125,7 +127,7 @@ impl Filter {
             last_seen: None,
             stale: noise.stale_probability,
             nll: 0.0,
-            step_m: rig.tracker.resolution_m.max(1e-4),
+            step_m: rig.tracker.resolution_m.max(1e-4), // numerical
             frame_s: rig.tracker.frame_period_s,
             ratio_per_unit: rig.airframe.thrust.gain_n_per_unit.value / rig.airframe.weight_n(),
             offset: rig.airframe.thrust.offset.value,
@@ -266,8 +268,8 @@ impl Filter {
             let a2 = force + b + w;
             let end = after(h, middle[1], a2);
             let a3 = self.law.acceleration_m_s2(end[0], end[1]) + b + w;
-            z1 = z + h * (v + h * (a + a1 + a2) / 6.0);
-            v1 = v + h * (a + 2.0 * (a1 + a2) + a3) / 6.0;
+            z1 = z + h * (v + h * (a + a1 + a2) / 6.0); // unit
+            v1 = v + h * (a + 2.0 * (a1 + a2) + a3) / 6.0; // unit
         }
         let (az, av) = self.slopes(middle, force);
         let kept = kept(h / self.noise.turbulence_time_s);
@@ -314,7 +316,7 @@ impl Filter {
         around.ratio = self.holds.iter().map(impulse).sum::<f64>() / h;
         around.lagged_ratio += (around.ratio - around.lagged_ratio) * settled(h / CHANGE_TIME_S);
         around.elapsed_s += h;
-        around.charge_min += around.ratio * h / 60.0;
+        around.charge_min += around.ratio * h / 60.0; // unit
         around.lagged_altitude_m += (self.x[0] - around.lagged_altitude_m) * settled(h / PAST_TIME_S);
     }
 
@@ -345,7 +347,7 @@ impl Filter {
         let z = self.law.view.altitude_m(measurement.z_m).max(0.0);
         let speed = self.carried_at.replace((measurement.exposed_s, z)).map_or(0.0, |(time_s, from)| {
             let since_s = measurement.exposed_s - time_s;
-            if (1e-4..SPEED_WITHIN_S).contains(&since_s) { (z - from) / since_s } else { 0.0 }
+            if (1e-4..SPEED_WITHIN_S).contains(&since_s) { (z - from) / since_s } else { 0.0 } // numerical
         });
         let v = speed.clamp(-CARRIED_M_S, CARRIED_M_S);
         self.x = [z, v, self.x[2], 0.0];
@@ -471,8 +473,8 @@ fn settled(x: f64) -> f64 {
 /// of Pade, which is off by less than `x^5/720`; nothing where it has no correlation time.
 #[inline]
 fn kept(x: f64) -> f64 {
-    if x < 0.2 {
-        let (even, odd) = (1.0 + x * x / 12.0, 0.5 * x);
+    if x < SHORT {
+        let (even, odd) = (1.0 + x * x / 12.0, 0.5 * x); // unit
         (even - odd) / (even + odd)
     } else if x.is_finite() {
         (-x).exp()

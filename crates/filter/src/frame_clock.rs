@@ -119,7 +119,7 @@ fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
         .rev()
         .map(|(i, arrival)| {
             least = least.min(periods_from(start_s, *arrival) - i as f64);
-            i + (least + 0.25).floor() as i64
+            i + (least + 0.25).floor() as i64 // numerical
         })
         .collect();
     numbers.reverse();
@@ -127,10 +127,10 @@ fn frame_numbers(arrived: &[f64], period_s: f64) -> Vec<i64> {
 }
 
 /// Frames over which a period is measured.
-const SPAN_FRAMES: usize = 40;
+const SPAN_FRAMES: usize = 40; // numerical
 
 /// Spread of arrivals that a bus has anyway, from one in ten to the median, s.
-const USUAL_SPREAD_S: f64 = 0.0015;
+const USUAL_SPREAD_S: f64 = 0.0015; // physics
 
 /// From this share of the period, intervals between arrivals are off it by waits that numbers must reckon with.
 const JITTERY: f64 = 0.15;
@@ -139,11 +139,11 @@ const PERIOD_OFF: f64 = 0.01;
 /// One sigma of that.
 const PERIOD_SIGMA: f64 = 0.002;
 /// So many are tried at most.
-const MOST_PERIODS: f64 = 5_000.0;
+const MOST_PERIODS: f64 = 5_000.0; // numerical
 /// Frames on which it is found.
-const PERIOD_FRAMES: usize = 1000;
+const PERIOD_FRAMES: usize = 1000; // numerical
 /// A regular clock is known to about this, s.
-const LINE_S: f64 = 0.001;
+const LINE_S: f64 = 0.001; // physics
 /// Frames that come so closely waited for one another, s.
 pub const TOGETHER_S: f64 = 0.003;
 /// A number that is wrong with less than e to minus this is taken for certain: a flight has hundreds of frames, and one measurement
@@ -154,10 +154,10 @@ const LOSS_NATS: f64 = 6.2;
 /// and a period that needs one, and what excludes that the last few frames all waited by chance.
 const LOSS_OF_PERIOD_NATS: f64 = 8.0;
 /// How many more frames may have been lost than was thought.
-const MORE: [i64; STATES] = [-3, -2, -1, 0, 1, 2, 3];
-const STATES: usize = 7;
+const MORE: [i64; STATES] = [-3, -2, -1, 0, 1, 2, 3]; // numerical
+const STATES: usize = 7; // numerical
 /// How often numbers and the line below their arrivals are found in turn.
-const TURNS: usize = 3;
+const TURNS: usize = 3; // numerical
 /// The same of frames' own waits and their mean.
 const TURNS_OF_WAIT: usize = 10;
 

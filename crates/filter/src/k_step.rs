@@ -6,9 +6,9 @@ use crate::{
 };
 
 /// Horizons of prediction, s.
-pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
+pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0]; // numerical
 /// Time between two starts of a prediction, s.
-const START_EVERY_S: f64 = 1.0;
+const START_EVERY_S: f64 = 1.0; // numerical
 /// The filter gets so long to find the state before the first prediction, s.
 const SETTLE_S: f64 = 1.5;
 /// A measurement so much after a horizon still stands for it, s.

@@ -153,7 +153,7 @@ impl Point {
         // Never at or below the offset: a fit may try what no rig may say.
         let range = n[RigNumber::ThrustGain] - n[RigNumber::ThrustOffset];
         n[RigNumber::Mass] * GRAVITY_M_S2
-            / range.max(1e-3 * n[RigNumber::ThrustGain].abs()).max(f64::MIN_POSITIVE)
+            / range.max(1e-3 * n[RigNumber::ThrustGain].abs()).max(f64::MIN_POSITIVE) // numerical
     }
 
     /// The rig's airframe with these numbers.

@@ -1,13 +1,13 @@
 //! A measurement held against its prediction: how likely it is under what blurs, delays and loses frames.
 
+use bench_statistics::FAR_SIGMAS;
+
 use crate::{covariance::Covariance, noise::Noise};
 
-/// Innovations beyond this many sigma count linearly.
-const HUBER: f64 = 4.0;
 /// How much older than it seems a measurement may be that is not the one before again, frames.
-const MOST_STALE_FRAMES: i32 = 10;
+const MOST_STALE_FRAMES: i32 = 10; // numerical
 /// After so many frames it is forgotten whether one was lost.
-const MOST_FRAMES_BETWEEN: f64 = 1000.0;
+const MOST_FRAMES_BETWEEN: f64 = 1000.0; // numerical
 /// Whether a reading is repeated tells something where a fresh frame would repeat it with less than this probability.
 const REPEATED_BY_CHANCE: f64 = 0.03;
 
@@ -49,11 +49,11 @@ impl Scored {
     #[inline]
     pub fn bounded(residual: f64, variance: f64) -> Self {
         let u2 = residual * residual / variance;
-        let (nll, weight) = if u2 <= HUBER * HUBER {
+        let (nll, weight) = if u2 <= FAR_SIGMAS * FAR_SIGMAS {
             (0.5 * u2, 1.0)
         } else {
             let u = u2.sqrt();
-            (HUBER * u - 0.5 * HUBER * HUBER, HUBER / u)
+            (FAR_SIGMAS * u - 0.5 * FAR_SIGMAS * FAR_SIGMAS, FAR_SIGMAS / u)
         };
         Self { nll: nll + 0.5 * variance.ln(), residual, variance, weight, stale: 0.0 }
     }

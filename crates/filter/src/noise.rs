@@ -2,13 +2,14 @@
 
 use bench_plant::effects::{LIBRARY, Shows, Spread};
 use bench_rig::{GRAVITY_M_S2, Rig};
+use bench_statistics::FAR_SIGMAS;
 
 use crate::law::Point;
 
 /// Process noise near the ground, m/s^2 per root Hz.
-const NEAR_GROUND_ACCELERATION: f64 = 0.024;
+const NEAR_GROUND_ACCELERATION: f64 = 0.024; // physics
 /// Spread of speed when the airframe leaves the ground, m/s.
-const LIFT_OFF_M_S: f64 = 0.04;
+const LIFT_OFF_M_S: f64 = 0.04; // physics
 
 /// What disturbs the model, and what blurs the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,14 +50,14 @@ pub struct Noise {
 impl Noise {
     /// What a rig says of it, and what is ordinary where it says nothing.
     pub fn nominal(rig: &Rig) -> Self {
-        let rounding = rig.tracker.resolution_m / 12_f64.sqrt();
+        let rounding = rig.tracker.resolution_m / 12_f64.sqrt(); // unit
         Self {
-            acceleration: rig.disturbance.white_m_s2_per_root_hz.unwrap_or(0.004),
-            trim_walk: rig.disturbance.trim_walk_m_s2_per_root_s.unwrap_or(0.004),
-            trim: rig.disturbance.trim_m_s2.unwrap_or(0.05),
-            turbulence: rig.disturbance.turbulence_m_s2.unwrap_or(0.022),
-            turbulence_time_s: rig.disturbance.turbulence_time_s.unwrap_or(0.7),
-            measurement_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),
+            acceleration: rig.disturbance.white_m_s2_per_root_hz.unwrap_or(0.004), // physics
+            trim_walk: rig.disturbance.trim_walk_m_s2_per_root_s.unwrap_or(0.004), // physics
+            trim: rig.disturbance.trim_m_s2.unwrap_or(0.05),                       // physics
+            turbulence: rig.disturbance.turbulence_m_s2.unwrap_or(0.022),          // physics
+            turbulence_time_s: rig.disturbance.turbulence_time_s.unwrap_or(0.7),   // physics
+            measurement_m: rig.tracker.noise_m.hypot(rounding).max(1e-4),          // numerical
             jitter_s: rig.disturbance.timing_s.unwrap_or(0.0),
             outlier_probability: rig.disturbance.outlier_probability.unwrap_or(0.0),
             outlier_m: rig.disturbance.outlier_m.unwrap_or(0.0),
@@ -86,8 +87,6 @@ impl Noise {
 const LONGEST_GUST_S: f64 = 4.0;
 /// Share of wrong places beyond which they are no exception.
 const MOST_OUTLIERS: f64 = 0.1;
-/// How much wider than the noise wrong places lie.
-const OUTLIER_SIGMAS: f64 = 4.0;
 /// Spread of the charge drawn before a flight, minutes of hover.
 const DRAWN_BEFORE_MIN: f64 = 0.3;
 
@@ -121,7 +120,7 @@ pub fn added(point: &Point, noise: &Noise, rig: &Rig) -> Noise {
             // Wrong places are few, and far off against the noise: else it is noise.
             Some(Spread::WrongPlaces) => {
                 noise.outlier_probability = (noise.outlier_probability + values[0]).min(MOST_OUTLIERS);
-                noise.outlier_m = values[1].max(OUTLIER_SIGMAS * noise.measurement_m).max(noise.outlier_m);
+                noise.outlier_m = values[1].max(FAR_SIGMAS * noise.measurement_m).max(noise.outlier_m);
             }
             Some(Spread::Turbulence) => {
                 // Wind of deviation sigma acts through the drag.

@@ -4,7 +4,7 @@ use bench_device::{Sticks, Time};
 use bench_plant::effects::Effects;
 use bench_recording::Flight;
 use bench_rig::{Bench, Rig};
-use bench_statistics::{MEDIAN_OF_NORMAL, median_high};
+use bench_statistics::{FAR_SIGMAS, MEDIAN_OF_NORMAL, median_high};
 
 use crate::{law::known, track::Input};
 
@@ -24,19 +24,19 @@ pub struct Pin {
 }
 
 /// Fewest neighbours under the same command that show the readback's noise.
-const LEAST_NEIGHBOURS: usize = 10;
+const LEAST_NEIGHBOURS: usize = 10; // numerical
 
 /// One sigma of the readback's noise: from what differs from the command where that is all noise, else from neighbours
 /// under the same command, else the rig's figure.
 pub fn readback_sigma(pins: &[Pin], rig: &Rig) -> f64 {
     let range = rig.airframe.sticks.max - rig.airframe.sticks.min;
-    let least = 1e-5 * range;
+    let least = 1e-5 * range; // numerical
     let neighbours: Vec<f64> = pins
         .windows(2)
         .filter(|pair| pair[0].commanded == pair[1].commanded)
         .map(|pair| (pair[1].readback - pair[0].readback).abs() / std::f64::consts::SQRT_2)
         .collect();
-    let told = (rig.output.readback_noise_fraction * range).max(1e-4 * range);
+    let told = (rig.output.readback_noise_fraction * range).max(1e-4 * range); // numerical
     let enough = neighbours.len() >= LEAST_NEIGHBOURS;
     let still = if enough { median_high(neighbours).map_or(told, |m| m / MEDIAN_OF_NORMAL) } else { told };
     let off = pins.iter().map(|pin| (pin.readback - pin.commanded).abs()).collect();
@@ -103,10 +103,7 @@ pub(crate) fn pins(flight: &Flight, rig: &Rig) -> Vec<Pin> {
 }
 
 /// Commands so close to the middle between two steps of the output may be rounded either way, as a fraction of the range.
-const TIE: f64 = 5e-5;
-
-/// Beyond so many sigma of its noise a readback is believed over the command.
-const BELIEVED_SIGMAS: f64 = 4.0;
+const TIE: f64 = 5e-5; // numerical
 
 /// What the pins held: the rounded command, or the readback where it plainly says otherwise.
 pub(crate) fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
@@ -125,7 +122,7 @@ pub(crate) fn inputs(flight: &Flight, rig: &Rig, pins: &[Pin]) -> Vec<Input> {
                 rig.output.expected_on_the_pin(&rig.airframe.sticks, drive.throttle(&command.sticks));
             let input = match pins.next_if(|pin| pin.time_s - pin.delay_s <= time_s) {
                 Some(pin) => {
-                    let plainly_off = (pin.readback - pin.commanded).abs() > BELIEVED_SIGMAS * sigma;
+                    let plainly_off = (pin.readback - pin.commanded).abs() > FAR_SIGMAS * sigma;
                     let throttle = if plainly_off { pin.readback } else { pin.commanded };
                     Input { time_s: pin.time_s, throttle }
                 }

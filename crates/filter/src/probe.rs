@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// Logarithms of the factors by which the probes' noise differs: process noise down and up, tracker noise down and up.
-pub const PROBES: [f64; 4] = [-0.25, 0.25, -0.05, 0.05];
+pub const PROBES: [f64; 4] = [-0.25, 0.25, -0.05, 0.05]; // numerical
 
 /// The filter with the noise of each of [`PROBES`], linearised about the filter itself.
 pub(crate) struct Probes([Probe; 4]);

@@ -200,7 +200,7 @@ impl Track {
         let end_s = inputs.get(last + 1).map_or_else(|| end_of(flight), |next| next.time_s);
         // A row of a log holds what was newest when it was written.
         let waited_s = if held { rig.tracker.frame_period_s } else { dense.unwrap_or(0.0) };
-        let timing_s = waited_s / 12_f64.sqrt();
+        let timing_s = waited_s / 12_f64.sqrt(); // unit
         let (waits_s, bursts, frames_told) =
             clock.map_or_else(Default::default, |clock| (clock.waits_s, clock.bursts, clock.told));
         // Chosen once, by the tracker's own times, so that every hypothesis is held against the same measurements.

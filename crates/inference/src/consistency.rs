@@ -15,7 +15,7 @@ pub struct Consistency {
     pub thrust_correlation: f64,
 }
 
-const LAGS: usize = 10;
+const LAGS: usize = 10; // numerical
 
 impl Consistency {
     /// Of innovations in the order of time; nothing wrong is found in a dozen or less.

@@ -33,7 +33,7 @@ impl Free {
 
     /// Step for the derivative, in units of the value.
     fn step(&self, value: f64) -> f64 {
-        let step = if self.logarithmic { 0.03 * value } else { 0.03 * self.sigma };
+        let step = if self.logarithmic { 0.03 * value } else { 0.03 * self.sigma }; // numerical
         if value + step > self.range.1 { -step } else { step }
     }
 

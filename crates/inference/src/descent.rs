@@ -9,13 +9,13 @@ use crate::{
     fit::{Fit, MEASUREMENT_SIGMA_LN, Problem},
 };
 
-pub(crate) const MAX_PASSES: usize = 14;
-const FIRST_DAMPING: f64 = 1e-3;
-const MOST_DAMPING: f64 = 1e4;
+pub(crate) const MAX_PASSES: usize = 14; // numerical
+const FIRST_DAMPING: f64 = 1e-3; // numerical
+const MOST_DAMPING: f64 = 1e4; // numerical
 /// A step that promises less, in nats, is not worth a pass.
-pub(crate) const WORTH: f64 = 0.05;
+pub(crate) const WORTH: f64 = 0.05; // numerical
 /// No coordinate moves by more prior deviations at once.
-const LONGEST_STEP: f64 = 2.0;
+const LONGEST_STEP: f64 = 2.0; // numerical
 
 impl Problem<'_> {
     /// Levenberg-Marquardt on the posterior, noise included, from a start.
@@ -46,8 +46,8 @@ impl Problem<'_> {
     fn noise_step(&self, noise: &Noise, pass: &Pass) -> (f64, f64, f64) {
         let usual = &self.noise;
         let own = [
-            ((noise.turbulence / usual.turbulence).ln(), self.turbulence_sigma_ln(), 0.8),
-            ((noise.measurement_m / usual.measurement_m).ln(), MEASUREMENT_SIGMA_LN, 0.3),
+            ((noise.turbulence / usual.turbulence).ln(), self.turbulence_sigma_ln(), 0.8), // numerical
+            ((noise.measurement_m / usual.measurement_m).ln(), MEASUREMENT_SIGMA_LN, 0.3), // numerical
         ];
         let mut steps = [0.0; 2];
         let mut worth = 0.0;
@@ -142,9 +142,9 @@ impl Descent {
         // Two steps in five lead nowhere: derivatives, which cost ten times as much, are for the others.
         if problem.objective(&point, &noise, &self.free) < here.objective {
             self.here = problem.look(point, noise, &self.free);
-            self.damping = (self.damping * 0.2).max(1e-6);
+            self.damping = (self.damping * 0.2).max(1e-6); // numerical
         } else {
-            self.damping = (self.damping * 8.0).max(0.01);
+            self.damping = (self.damping * 8.0).max(0.01); // numerical
             here.noise_step = (0.5 * here.noise_step.0, 0.5 * here.noise_step.1, 0.5 * here.noise_step.2);
         }
         true

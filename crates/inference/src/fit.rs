@@ -152,13 +152,13 @@ const TOLD_TURBULENCE_TIME_SIGMA_LN: f64 = 0.3;
 const ANY_TURBULENCE_SIGMA_LN: f64 = 0.4;
 const ANY_TURBULENCE_TIME_SIGMA_LN: f64 = 0.8;
 /// Correlation times of turbulence that are tried, s.
-pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0];
+pub(crate) const TURBULENCE_TIMES_S: [f64; 4] = [0.25, 0.7, 1.5, 3.0]; // numerical
 
 /// Noise of flights is levelled on a grid of its logarithm, so often: once with numbers fitted to flights as they are, once
 /// with numbers fitted to levelled ones.
-const LEVEL_STEP: f64 = 0.1;
-const LEVEL_STEPS: i32 = 25;
-const LEVEL_ROUNDS: usize = 2;
+const LEVEL_STEP: f64 = 0.1; // numerical
+const LEVEL_STEPS: i32 = 25; // numerical
+const LEVEL_ROUNDS: usize = 2; // numerical
 
 /// One measurement in so many may be of anything; flights that were never seen higher than so much, m, have no ceiling to be looked for.
 const LOST_ONE_IN: usize = 200;
@@ -287,13 +287,13 @@ impl<'a> Problem<'a> {
         let mut free = Vec::new();
         for (number, sigma) in self.uncertain() {
             let mean = self.nominal.nuisances[number];
-            let low = if mean > 0.0 { 0.02 * mean } else { mean - 50.0 * sigma };
+            let low = if mean > 0.0 { 0.02 * mean } else { mean - 50.0 * sigma }; // numerical
             free.push(Free {
                 at: Coordinate::Nuisance(number),
                 logarithmic: false,
                 mean,
                 sigma,
-                range: (low, mean.abs() * 10.0 + 50.0 * sigma),
+                range: (low, mean.abs() * 10.0 + 50.0 * sigma), // numerical
             });
         }
         for (slot, (effect, values)) in point.effects.iter().enumerate() {

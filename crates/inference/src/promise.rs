@@ -2,7 +2,7 @@
 
 use bench_filter::{Coordinate, Direction, Pairs, Point, Track, run_for};
 use bench_plant::effects::{LIBRARY, Prior};
-use bench_statistics::{evenly_in_log, median_high};
+use bench_statistics::{FAR_SIGMAS, evenly_in_log, median_high};
 
 use crate::{
     coordinate::{CEILING, LOWEST_CEILING, directions, every_choice, with_prior},
@@ -12,16 +12,14 @@ use crate::{
 /// Numbers of the rig further off are taken for bent by an effect.
 const BENT_SIGMAS: f64 = 3.0;
 /// From how many heights a ceiling is started, up to this share of the flights' top.
-const CEILING_STARTS: usize = 16;
+const CEILING_STARTS: usize = 16; // numerical
 const HIGHEST_CEILING: f64 = 1.3;
 
 /// The share from which a form that is a share of the whole is started besides.
 const SMALL_SHARE: f64 = 0.2;
 
-/// An airframe that is held against a ceiling is seen within so many sigma below where flights were seen highest.
-const HELD_SIGMAS: f64 = 4.0;
 /// Shares of its ordinary gain with which a ceiling is tried that stopped flights.
-const AGAINST_CEILING: [f64; 3] = [0.03, 0.2, 1.0];
+const AGAINST_CEILING: [f64; 3] = [0.03, 0.2, 1.0]; // numerical
 
 /// A straight line is followed so far at most.
 const STRAIGHT_SIGMAS: f64 = 1.0;
@@ -99,7 +97,7 @@ impl Problem<'_> {
                     vec![mean, mean + sigma]
                 }
                 (Prior::LogNormal { median, sigma_ln }, _) if p.default == Some(1.0) && !under_ceiling => {
-                    vec![median, median * (1.2 * sigma_ln).exp()]
+                    vec![median, median * (1.2 * sigma_ln).exp()] // numerical
                 }
                 // A small part that reaches far is like no whole that reaches less far.
                 (Prior::Normal { .. }, _) if p.default == Some(1.0) => vec![1.0, SMALL_SHARE],
@@ -107,7 +105,7 @@ impl Problem<'_> {
                 (Prior::Normal { mean, sigma }, Some(_)) => vec![mean, mean + sigma, mean - sigma],
                 (Prior::Normal { mean, sigma }, None) => vec![mean - sigma, mean, mean + sigma],
                 (Prior::LogNormal { median, sigma_ln }, _) => {
-                    [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec()
+                    [-1.2, 0.0, 1.2].map(|k| median * (k * sigma_ln).exp()).to_vec() // numerical
                 }
             };
             values.into_iter().map(|value| value.clamp(p.min, p.max)).collect()
@@ -124,7 +122,7 @@ impl Problem<'_> {
     /// its gain.
     fn against_ceiling(&self, point: &Point, effect: usize) -> Vec<Point> {
         let highest_m = self.tracks.iter().map(Track::highest_m).fold(self.top_m, f64::max);
-        let below_m = highest_m - HELD_SIGMAS * self.noise.measurement_m;
+        let below_m = highest_m - FAR_SIGMAS * self.noise.measurement_m;
         let held_m: Vec<f64> = self
             .tracks
             .iter()
@@ -232,6 +230,6 @@ fn amplitudes(effect: usize) -> (f64, f64) {
         .filter(|p| p.neutral.is_some())
         .all(|p| matches!(p.prior, Prior::Normal { .. }));
     // Of a ceiling little is seen where it is a step.
-    let least = if has_ceiling(effect) { 0.05 } else { 0.2 };
-    if either_sign { (-4.0, 4.0) } else { (least, 3.0) }
+    let least = if has_ceiling(effect) { 0.05 } else { 0.2 }; // numerical
+    if either_sign { (-4.0, 4.0) } else { (least, 3.0) } // numerical
 }

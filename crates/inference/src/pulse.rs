@@ -13,16 +13,16 @@ use statrs::function::erf::erfc;
 use crate::fit::{Fit, Problem};
 
 /// At most one push is looked for in each span of such a length, s.
-const SPAN_S: f64 = 1.0;
+const SPAN_S: f64 = 1.0; // numerical
 /// For how long pushes last that are tried, s; what they change speed by, m/s; and the probability of one in a span.
-const LENGTHS_S: [f64; 2] = [0.0, 0.4];
-const SPEEDS_M_S: [f64; 4] = [0.03, 0.07, 0.15, 0.35];
-const PROBABILITIES: [f64; 4] = [0.01, 0.04, 0.15, 0.4];
+const LENGTHS_S: [f64; 2] = [0.0, 0.4]; // numerical
+const SPEEDS_M_S: [f64; 4] = [0.03, 0.07, 0.15, 0.35]; // numerical
+const PROBABILITIES: [f64; 4] = [0.01, 0.04, 0.15, 0.4]; // numerical
 /// So many choices, the two signs among them, are worth their logarithm in nats.
-const CHOICES: usize = 2 * CALMER.len() * LENGTHS_S.len() * SPEEDS_M_S.len() * PROBABILITIES.len();
+const CHOICES: usize = 2 * CALMER.len() * LENGTHS_S.len() * SPEEDS_M_S.len() * PROBABILITIES.len(); // numerical
 
 /// Turbulence that is tried, over the fit's, which may have taken pushes in.
-const CALMER: [f64; 3] = [1.0, 0.5, 0.25];
+const CALMER: [f64; 3] = [1.0, 0.5, 0.25]; // numerical
 
 /// Gain of log-evidence, nats, of pushes one way on top of a fit, beyond what pushes the other way would gain; 0 for none.
 pub fn pulses(problem: &Problem<'_>, fit: &Fit) -> f64 {

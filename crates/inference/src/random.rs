@@ -9,18 +9,20 @@ use crate::{
 };
 
 /// Nearer than this, beside more noise, wrong places are its tails.
-const TAIL_SIGMAS: f64 = 6.0;
+const TAIL_SIGMAS: f64 = 6.0; // numerical
 
 /// Loss of likelihood a measurement, nats, between the best of the grid and the mode: half a step in the size of a noise.
-const GRID_LOSS: f64 = 0.06;
+const GRID_LOSS: f64 = 0.06; // numerical
 /// Sweeps of the search over all coordinates, at most and at least.
-const SWEEPS: usize = 6;
-const LEAST_SWEEPS: usize = 2;
+const SWEEPS: usize = 6; // numerical
+/// A sweep that gains less, nats, is the last.
+const WORTH_A_SWEEP: f64 = 0.1; // numerical
+const LEAST_SWEEPS: usize = 2; // numerical
 
 /// Numbers that gain less under the noise found, nats, are where they should be.
-const SETTLED_NATS: f64 = 1.0;
+const SETTLED_NATS: f64 = 1.0; // numerical
 /// Rounds of noise and numbers.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 3; // numerical
 
 /// Adds a random effect to a fit: its noise, and the numbers that the fit without it may have bent to do its work, in
 /// turn. `None` if no size of it is better than none.
@@ -47,7 +49,7 @@ pub fn fit_with_both(problem: &Problem<'_>, base: &Fit, alone: [&Fit; 2]) -> Opt
 }
 
 /// Shares of a random effect's size that it may have beside another whose work it did alone, as logarithms.
-const BESIDE_ANOTHER_LN: [f64; 3] = [0.0, -0.3, -0.9];
+const BESIDE_ANOTHER_LN: [f64; 3] = [0.0, -0.3, -0.9]; // numerical
 
 /// Adds two random effects to a fit where one alone leads and the other alone was not worth a fit: from the best of a grid over
 /// the other and over the size of the first. `None` if that promises nothing over the first.
@@ -90,7 +92,7 @@ fn worth(problem: &Problem<'_>, value: f64, with: &Fit) -> bool {
 
 /// Values of coordinates over their priors, one and a half deviations to either side.
 fn grid(coordinates: &[Free]) -> Vec<Vec<f64>> {
-    every_choice(coordinates.iter().map(|f| [-1.5, -0.5, 0.5, 1.5].map(|k| f.mean + k * f.sigma).to_vec()))
+    every_choice(coordinates.iter().map(|f| [-1.5, -0.5, 0.5, 1.5].map(|k| f.mean + k * f.sigma).to_vec())) // numerical
 }
 
 /// Random effects on top of a fit.
@@ -184,7 +186,7 @@ impl<'a> OnTop<'a> {
             ..base.noise
         };
         let at = |x: &[f64]| self.objective(base, &scaled(x), &x[2..]);
-        let steps = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect();
+        let steps = [0.3, 0.06].into_iter().chain(own.iter().map(|f| 0.4 * f.sigma)).collect(); // numerical
         let (best, curvature) = descend(&at, &mut x, steps, base.objective);
         let sigmas: Vec<f64> =
             own.iter().zip(&curvature[2..]).map(|(f, c)| c.max(f.sigma.powi(-2)).sqrt().recip()).collect();
@@ -221,7 +223,7 @@ fn descend(at: &dyn Fn(&[f64]) -> f64, x: &mut [f64], mut steps: Vec<f64>, witho
             let bend = low + high - 2.0 * best;
             curvature[i] = bend / (h * h);
             let dx = if bend > 1e-9 {
-                (0.5 * h * (low - high) / bend).clamp(-3.0 * h, 3.0 * h)
+                (0.5 * h * (low - high) / bend).clamp(-3.0 * h, 3.0 * h) // numerical
             } else if low < high {
                 -2.0 * h
             } else {
@@ -239,7 +241,7 @@ fn descend(at: &dyn Fn(&[f64]) -> f64, x: &mut [f64], mut steps: Vec<f64>, witho
             steps[i] = (0.5 * h).max(dx.abs().min(h));
         }
         let hopeless = sweep >= LEAST_SWEEPS && before - best < best - without;
-        if before - best < 0.1 || hopeless {
+        if before - best < WORTH_A_SWEEP || hopeless {
             break;
         }
     }

@@ -6,7 +6,7 @@
 
 use bench_filter::{Direction, Hat, Innovation, Pairs, Pass, Prediction, Seen, innovations, run, run_for};
 use bench_plant::effects::{Axis, LIBRARY};
-use bench_statistics::{evenly_in_log, ln_det};
+use bench_statistics::{FAR_SIGMAS, evenly_in_log, ln_det};
 use nalgebra::{Complex, DMatrix, DVector, Matrix2};
 
 use crate::{
@@ -83,11 +83,11 @@ pub fn own_axes(effect: usize) -> &'static [Axis] {
     LIBRARY[effect].signature.axes
 }
 
-const KNOTS: usize = 6;
+const KNOTS: usize = 6; // numerical
 /// Along the altitude things may be narrow.
-const ALTITUDE_KNOTS: usize = 12;
+const ALTITUDE_KNOTS: usize = 12; // numerical
 /// Prior widths that are tried, m/s^2: from 0.2 % to 20 % of gravity.
-const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0];
+const WIDTHS: [f64; 6] = [0.02, 0.05, 0.12, 0.3, 0.8, 2.0]; // numerical
 /// Widths of what is no gap, m/s^2: up to 0.1 % of gravity.
 const SLIGHT_WIDTHS: [f64; 2] = [0.005, 0.01];
 
@@ -178,7 +178,7 @@ pub fn regions(problem: &Problem<'_>, fit: &Fit) -> Regions {
 }
 
 /// Widths of the play that are tried, over the weight.
-const PLAYS: [f64; 4] = [0.003, 0.01, 0.03, 0.1];
+const PLAYS: [f64; 4] = [0.003, 0.01, 0.03, 0.1]; // numerical
 
 /// Gain of log-evidence of a play, whose directions begin at `first`: thrust that stays behind, not one that hurries ahead.
 fn play(information: &DMatrix<f64>, gradient: &DVector<f64>, first: usize) -> f64 {
@@ -218,10 +218,10 @@ fn drift(fit: &Fit, pass: &Pass) -> f64 {
 }
 
 /// Prior widths of what a tracker gets wrong: m over altitude and thrust, m/s over time, s/s of latency.
-const OFFSETS_M: [f64; 5] = [5e-4, 1e-3, 2e-3, 5e-3, 0.02];
-const THRUST_OFFSETS_M: [f64; 4] = [0.003, 0.01, 0.03, 0.1];
-const DRIFTS_M_S: [f64; 4] = [1e-5, 1e-4, 3e-4, 1e-3];
-const LATENCY_DRIFTS: [f64; 4] = [2e-4, 6e-4, 2e-3, 6e-3];
+const OFFSETS_M: [f64; 5] = [5e-4, 1e-3, 2e-3, 5e-3, 0.02]; // numerical
+const THRUST_OFFSETS_M: [f64; 4] = [0.003, 0.01, 0.03, 0.1]; // numerical
+const DRIFTS_M_S: [f64; 4] = [1e-5, 1e-4, 3e-4, 1e-3]; // numerical
+const LATENCY_DRIFTS: [f64; 4] = [2e-4, 6e-4, 2e-3, 6e-3]; // numerical
 
 fn seen(
     information: &DMatrix<f64>,
@@ -245,11 +245,11 @@ fn seen(
 }
 
 /// Lowest and highest frequency of waves, Hz, and how many are tried in any case, evenly in the logarithm.
-const WAVES_HZ: (f64, f64, usize) = (0.15, 4.0, 24);
+const WAVES_HZ: (f64, f64, usize) = (0.15, 4.0, 24); // numerical
 /// Over a flight a tone falls out of step with them, so the plainest tones of the innovations are tried too: so many.
-const TONES: usize = 3;
+const TONES: usize = 3; // numerical
 /// Among so many at most: the finest that flights of two minutes tell apart.
-const MOST_TONES: usize = 1000;
+const MOST_TONES: usize = 1000; // numerical
 
 /// Looks for a swing that a fit leaves.
 pub fn waves(problem: &Problem<'_>, fit: &Fit) -> Waves {
@@ -308,7 +308,7 @@ fn tones(plain: &[Prediction]) -> (usize, Vec<f64>) {
             let turn = |hz: f64| Complex::from_polar(1.0, std::f64::consts::TAU * hz * innovation.exposed_s);
             let (mut at, on) = (turn(low), turn(step_hz));
             let size = innovation.residual_m / innovation.variance_m2.sqrt();
-            let size = size.clamp(-TONE_SIGMAS, TONE_SIGMAS);
+            let size = size.clamp(-FAR_SIGMAS, FAR_SIGMAS);
             for sum in &mut sums {
                 *sum += at * size;
                 at *= on;
@@ -325,9 +325,6 @@ fn tones(plain: &[Prediction]) -> (usize, Vec<f64>) {
     peaks.sort_by(|a, b| at(*b).total_cmp(&at(*a)));
     (count, peaks.into_iter().take(TONES).map(|k| low + step_hz * k as f64).collect())
 }
-
-/// An innovation counts for no more than this in the search for tones.
-const TONE_SIGMAS: f64 = 4.0;
 
 /// Quantiles of what was flown, those that coincide left out.
 fn knots(mut values: Vec<f64>, most: usize) -> Vec<f64> {

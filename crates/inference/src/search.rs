@@ -17,15 +17,15 @@ use crate::{
 /// Cosine of a tilt that would show, if vertical thrust were not kept up in it.
 const TILTED: f64 = 0.995;
 /// The best singles on which pairs are built.
-const PAIR_BASES: usize = 3;
+const PAIR_BASES: usize = 3; // numerical
 /// Of kinds of noise so many, which gain such a share of what the best of them does.
-const SPREAD_BASES: usize = 2;
+const SPREAD_BASES: usize = 2; // numerical
 const SPREAD_SHARE: f64 = 0.6;
 /// So many of the most promising are fitted.
-const SINGLES_REFINED: usize = 14;
-const PAIRS_REFINED: usize = 5;
+const SINGLES_REFINED: usize = 14; // numerical
+const PAIRS_REFINED: usize = 5; // numerical
 /// Gain, nats, below which nothing is built on a single, or no second is tried.
-const WORTH_A_SECOND: f64 = 2.0;
+const WORTH_A_SECOND: f64 = 2.0; // numerical
 
 /// All fits of one diagnosis: the null first.
 pub struct Search {
@@ -192,8 +192,8 @@ fn pairs_of_noise(problem: &Problem<'_>, null: &Fit, spreads: &[&Fit], hidden: &
 }
 
 /// Of more flights than the first, as many as the second show the way.
-const MANY_FLIGHTS: usize = 24;
-const FEW_FLIGHTS: usize = 16;
+const MANY_FLIGHTS: usize = 24; // numerical
+const FEW_FLIGHTS: usize = 16; // numerical
 
 /// A few of many flights, drawn at random, always the same of as many: of all kinds where those come in turns. `None` where
 /// there are few as it is.
@@ -234,10 +234,10 @@ fn best_of_each(fits: &mut Vec<Fit>) {
 }
 
 /// A pair that is so many nats ahead of one of its laws may stand where that law alone had not found the way.
-const AGAIN_NATS: f64 = 8.0;
+const AGAIN_NATS: f64 = 8.0; // numerical
 
 /// The best pairs from which the better law is looked for anew.
-const AGAIN_FROM: usize = 3;
+const AGAIN_FROM: usize = 3; // numerical
 
 /// The better law of the best pair, fitted anew alone from where it stands in the best pairs that it is part of; `None` where that
 /// gains nothing.
@@ -264,24 +264,24 @@ fn again(problem: &Problem<'_>, bases: &[&Fit], pairs: &[Fit]) -> Option<Fit> {
 }
 
 /// Passes after which those that promise less than they are behind are left: such a one only creeps on.
-const FIRST_LOOK: usize = 2;
+const FIRST_LOOK: usize = 2; // numerical
 /// Passes after which fits are compared, or the nats that a step of them still promises, and nats by which one may be behind
 /// the best then to be followed to its end.
-const FIRST_PASSES: usize = 5;
-const FIRST_WORTH: f64 = 1.0;
-const FOLLOWED_NATS: f64 = 60.0;
+const FIRST_PASSES: usize = 5; // numerical
+const FIRST_WORTH: f64 = 1.0; // numerical
+const FOLLOWED_NATS: f64 = 60.0; // numerical
 /// So many of the best single effects are then fitted in other than their plainest form, and of the laws on top of the best
 /// law and of the strongest noise,
-const SINGLES_UNFOLDED: usize = 4;
-const SECONDS_UNFOLDED: usize = 1;
+const SINGLES_UNFOLDED: usize = 4; // numerical
+const SECONDS_UNFOLDED: usize = 1; // numerical
 /// where they are not behind the best by more than that, or than this share of what it gains.
 const FORM_SHARE: f64 = 0.95;
 
 /// A start that is so many nats worse than what it stands on went too far along a straight line: it is halved so often.
-const OVERSHOT_NATS: f64 = 20.0;
-const MOST_HALVINGS: usize = 3;
+const OVERSHOT_NATS: f64 = 20.0; // numerical
+const MOST_HALVINGS: usize = 3; // numerical
 /// One that is still as far behind after its first passes is left for another, so often.
-const OTHERS_TRIED: usize = 2;
+const OTHERS_TRIED: usize = 2; // numerical
 
 /// A start half as far from the point that it stands on: the size of the effect that it adds, last, and all that moved with it.
 fn nearer(base: &Point, mut start: Point) -> Point {

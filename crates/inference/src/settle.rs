@@ -23,10 +23,10 @@ const PARTS: [Part; 5] = [
 
 /// Uncertainty of the logarithm of each part before any flight, and the least that it may be of what is usual.
 const SIGMA_LN: f64 = 0.5;
-const LEAST: f64 = 0.125;
+const LEAST: f64 = 0.125; // numerical
 /// A part is moved for more than so many nats.
-const WORTH_NATS: f64 = 1.0;
-const MOST_ROUNDS: usize = 8;
+const WORTH_NATS: f64 = 1.0; // numerical
+const MOST_ROUNDS: usize = 8; // numerical
 
 fn open_parts(problem: &Problem<'_>) -> impl Iterator<Item = &'static Part> {
     PARTS.iter().filter(|part| !(part.told)(&problem.rig.disturbance))
@@ -54,7 +54,9 @@ pub fn settle(problem: &Problem<'_>, mut fit: Fit) -> Fit {
 
 /// Memories beside the one at hand that are tried too, for many flights show it more finely than the few that are tried first: gusts of
 /// the right one would else gain by it.
-const NEARBY_TIMES: [f64; 2] = [0.8, 1.25];
+const NEARBY_TIMES: [f64; 2] = [0.8, 1.25]; // numerical
+/// Powers of the ratio of correlation times by which turbulence is less.
+const OF_SHORTER: [f64; 3] = [0.0, 0.25, 0.5]; // numerical
 
 /// The noise of a fit, each open part halved or doubled where that is likelier, and its turbulence of the likeliest memory: an
 /// effect that the null lacks is a slow turbulence there.
@@ -86,7 +88,7 @@ pub fn with_likeliest_time(problem: &Problem<'_>, fit: &Fit, from: Noise, object
     let nearby = NEARBY_TIMES.map(|factor| factor * from.turbulence_time_s);
     for turbulence_time_s in TURBULENCE_TIMES_S.into_iter().chain(nearby) {
         // Of a shorter correlation time it is also less: what it does within moments stays alike.
-        for power in [0.0, 0.25, 0.5] {
+        for power in OF_SHORTER {
             let factor = (turbulence_time_s / from.turbulence_time_s).powf(power);
             let other = Noise { turbulence_time_s, turbulence: from.turbulence * factor, ..from };
             let objective = problem.objective(&fit.point, &other, &fit.free);

@@ -19,6 +19,9 @@ pub use self::{
 /// Median of a normal's magnitude over its deviation.
 pub const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
+/// Further off than so many deviations a normal number is once in 16,000: it is something else.
+pub const FAR_SIGMAS: f64 = 4.0;
+
 /// The arithmetic mean; `None` of none. Sums in the order given.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_u32);
