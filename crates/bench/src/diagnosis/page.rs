@@ -19,8 +19,8 @@ use super::{
 };
 use crate::{nominal, words};
 
-/// Colours of the levels of the gap: the rig as it is, re-fitted, with the effect, the floor.
-const LEVELS: [usize; 4] = [5, 4, 0, 2];
+/// Colours of the levels of the gap: the rig as it is, re-fitted, with the effect.
+const LEVELS: [usize; 3] = [5, 4, 0];
 /// The colour of what leads and of what is found.
 const FOUND: usize = 0;
 /// The colour of the acceleration that is not explained.

@@ -80,6 +80,14 @@ fn what(out: &mut String, report: &Report) {
     if !others.is_empty() {
         let _ = writeln!(out, "  also possible: {}", others.join(", "));
     }
+    let parts: Vec<String> = told::takes_part(&diagnosis.candidates, LEAST_PROBABLE)
+        .into_iter()
+        .take(MOST)
+        .map(|(effect, probability)| format!("{effect} {}", told::percent(probability)))
+        .collect();
+    if !parts.is_empty() {
+        let _ = writeln!(out, "  alone or beside another: {}", parts.join(", "));
+    }
     if let [named] = diagnosis.effects.as_slice() {
         let beside = |c: &&Candidate| {
             c.effects.len() == 2 && c.effects.contains(named) && c.probability < LEAST_PROBABLE
@@ -163,7 +171,7 @@ fn how_far(out: &mut String, diagnosis: &Diagnosis) {
     let best = told::best_effects(diagnosis);
     let _ = writeln!(
         out,
-        "\nHow far: error of predictions in cm, intervals of 90 % over flights{}\n  {:<18} {:<17} {:<17} {:<17} misfit, nats",
+        "\nHow far: error of predictions in cm, intervals of 90 % over flights{}\n  {:<18} {:<17} {:<17} {:<17} misfit above noise, nats",
         if gap.held_out { ", each left out of the fit" } else { "" },
         "ahead by",
         "0.5 s",
@@ -172,21 +180,20 @@ fn how_far(out: &mut String, diagnosis: &Diagnosis) {
     );
     let k = &gap.k_step_m;
     let mut rows = vec![
-        ("the rig as it is", Some(k.nominal), gap.nominal),
-        ("numbers re-fitted", Some(k.parameters_only), gap.parameters_only),
+        ("the rig as it is", k.nominal, gap.nominal),
+        ("numbers re-fitted", k.parameters_only, gap.parameters_only),
     ];
     if best.is_some() {
         let name = if diagnosis.verdict == Verdict::Effect { "with the effect" } else { "nearest effect" };
-        rows.push((name, Some(k.with_effect), gap.with_effect));
+        rows.push((name, k.with_effect, gap.with_effect));
     }
-    rows.push(("noise floor", None, gap.floor));
     for (name, errors, misfit) in rows {
         let _ = write!(out, "  {name:<18}");
-        for h in 0..3 {
-            let error = errors.and_then(|errors| errors[h]);
+        for error in errors {
             let _ = write!(out, " {:<17}", error.as_ref().map_or_else(|| "-".to_owned(), centimetres));
         }
-        let _ = writeln!(out, " {}", told::figure(&misfit, 1.0, 2));
+        let above = told::above_floor(&misfit, &gap.floor);
+        let _ = writeln!(out, " {}", told::figure(&above, 1.0, 2));
     }
     if let Some(closure) = told::closure(diagnosis) {
         let _ = writeln!(out, "  {closure}");

@@ -1,7 +1,7 @@
 //! What terminal and page say in the same words.
 
 pub use bench_diagnosis::PLAIN_NATS;
-use bench_diagnosis::{Diagnosis, Figure, Number, ParameterValue, RegionTold, Verdict};
+use bench_diagnosis::{Candidate, Diagnosis, Figure, Number, ParameterValue, RegionTold, Verdict};
 use bench_page::digits;
 use bench_plant::effects::{EffectSpec, LIBRARY, Parameter};
 use bench_rig::Actuation;
@@ -62,6 +62,27 @@ pub fn alike(diagnosis: &Diagnosis) -> Vec<&'static str> {
         }
     }
     names
+}
+
+/// Effects with the probability that they take part, alone or beside another, most probable first: those of which that is at least
+/// `least`. None where no pair is as probable as that, for then candidates say it already.
+pub fn takes_part(candidates: &[Candidate], least: f64) -> Vec<(&'static str, f64)> {
+    let pairs = candidates.iter().filter(|candidate| candidate.effects.len() > 1);
+    if pairs.map(|pair| pair.probability).sum::<f64>() < least {
+        return Vec::new();
+    }
+    let mut sums: Vec<(&'static str, f64)> = Vec::new();
+    for candidate in candidates {
+        for effect in &candidate.effects {
+            match sums.iter_mut().find(|(name, _)| name == effect) {
+                Some((_, sum)) => *sum += candidate.probability,
+                None => sums.push((effect, candidate.probability)),
+            }
+        }
+    }
+    sums.retain(|(_, sum)| *sum >= least);
+    sums.sort_by(|a, b| b.1.total_cmp(&a.1));
+    sums
 }
 
 /// What the third level of the gap adds, where there is such a level.
@@ -137,6 +158,12 @@ pub fn number(key: &str, sticks: Actuation) -> (String, String) {
             .unwrap_or((key, "1".to_owned())),
     };
     (name.replace('_', " "), unit)
+}
+
+/// Misfit over what a right model would have against the same noise, nats a measurement; of a model that is as good, 0.
+pub fn above_floor(misfit: &Figure, floor: &Figure) -> Figure {
+    let [value, low, high] = [misfit.value, misfit.low, misfit.high].map(|x| (x - floor.value).max(0.0));
+    Figure { value, low, high }
 }
 
 /// What of the gap is closed, or why not, as the rest of a sentence.
@@ -217,6 +244,33 @@ mod tests {
     fn probabilities_do_not_claim_certainty() {
         let told = [1.0, 0.97, 0.001, f64::NAN].map(percent);
         assert_eq!(told, ["over 99 %", "97 %", "under 1 %", "-"]);
+    }
+
+    #[test]
+    fn effects_take_part_alone_or_beside_another() {
+        let candidate = |effects: &[&'static str], probability| Candidate {
+            effects: effects.to_vec(),
+            indices: None,
+            name: String::new(),
+            probability,
+            evidence_gain: 0.0,
+            grounds: None,
+            parameters: Vec::new(),
+        };
+        let single = candidate(&["rotor-lag"], 0.6);
+        let pair = candidate(&["updraft", "rotor-lag"], 0.3);
+        let told = takes_part(&[single.clone(), pair, candidate(&["gusts"], 0.04)], 0.05);
+        assert_eq!(told.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["rotor-lag", "updraft"]);
+        assert!((told[0].1 - 0.9).abs() < 1e-12);
+        assert!(takes_part(&[single], 0.05).is_empty(), "what candidates say already");
+    }
+
+    #[test]
+    fn misfit_is_above_the_floor_and_never_below() {
+        let at = |value, low, high| Figure { value, low, high };
+        let above = above_floor(&at(-5.37, -5.43, -5.3), &at(-5.42, -5.43, -5.41));
+        assert!((above.value - 0.05).abs() < 1e-12 && (above.high - 0.12).abs() < 1e-12, "{above:?}");
+        assert_eq!(above.low, 0.0);
     }
 
     #[test]

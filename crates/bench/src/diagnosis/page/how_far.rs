@@ -11,20 +11,19 @@ use maud::{Markup, html};
 use super::{LEVELS, told};
 
 /// A level of the gap: colour, name, predictions, misfit.
-type Level<'a> = (usize, String, Option<&'a [Option<Figure>; 3]>, Figure);
+type Level<'a> = (usize, String, &'a [Option<Figure>; 3], Figure);
 
 fn levels(diagnosis: &Diagnosis) -> Vec<Level<'_>> {
     let gap = &diagnosis.gap;
     let k = &gap.k_step_m;
     let mut levels = vec![
-        (LEVELS[0], "the rig as it is".to_owned(), Some(&k.nominal), gap.nominal),
-        (LEVELS[1], "numbers re-fitted".to_owned(), Some(&k.parameters_only), gap.parameters_only),
+        (LEVELS[0], "the rig as it is".to_owned(), &k.nominal, gap.nominal),
+        (LEVELS[1], "numbers re-fitted".to_owned(), &k.parameters_only, gap.parameters_only),
     ];
     if let Some(best) = told::best_effects(diagnosis) {
         let name = if diagnosis.verdict == Verdict::Effect { "with" } else { "with the nearest," };
-        levels.push((LEVELS[2], format!("{name} {best}"), Some(&k.with_effect), gap.with_effect));
+        levels.push((LEVELS[2], format!("{name} {best}"), &k.with_effect, gap.with_effect));
     }
-    levels.push((LEVELS[3], "noise floor".to_owned(), None, gap.floor));
     levels
 }
 
@@ -47,7 +46,7 @@ pub(super) fn section(diagnosis: &Diagnosis) -> Section {
 fn horizon(levels: &[Level<'_>], h: usize, ahead: &str) -> Markup {
     let figures: Vec<(usize, &str, Figure)> = levels
         .iter()
-        .filter_map(|(colour, name, errors, _)| Some((*colour, name.as_str(), errors.as_ref()?[h]?)))
+        .filter_map(|(colour, name, errors, _)| Some((*colour, name.as_str(), errors[h]?)))
         .collect();
     let title = format!("Predictions {ahead} ahead");
     if figures.is_empty() {
@@ -68,24 +67,25 @@ fn horizon(levels: &[Level<'_>], h: usize, ahead: &str) -> Markup {
 }
 
 fn misfit(diagnosis: &Diagnosis, levels: &[Level<'_>]) -> Markup {
-    let shown = range(levels.iter().flat_map(|(_, _, _, misfit)| [misfit.low, misfit.high]));
-    let mut rows = Rows::new(shown);
+    let above = |misfit: &Figure| told::above_floor(misfit, &diagnosis.gap.floor);
+    let [_, high] = range(levels.iter().map(|(_, _, _, misfit)| above(misfit).high).chain([0.0]));
+    let mut rows = Rows::new([0.0, high]);
     for (colour, name, _, misfit) in levels {
+        let misfit = above(misfit);
         let bar = Bar {
             value: misfit.value,
             interval: Some([misfit.low, misfit.high]),
-            from: None,
+            from: Some(0.0),
             colour: *colour,
         };
-        rows.row(name, Some(bar), &told::figure(misfit, 1.0, 3));
+        rows.row(name, Some(bar), &told::figure(&misfit, 1.0, 3));
     }
     let mut words =
-        "How unlikely the model finds what was seen: less is better, and the floor is what a right model \
-                     would reach against this noise."
+        "How much less likely the model finds what was seen than a right model would against the same noise."
             .to_owned();
     if let Some(closure) = told::closure(diagnosis) {
         words = format!("{words} {}.", capitalised(&closure));
     }
-    let axis = "misfit: negative log-likelihood of a measurement, nats";
+    let axis = "misfit above noise: log-likelihood of a measurement that is lost, nats";
     block("Misfit of every measurement", &words, rows.finish(axis))
 }

@@ -38,9 +38,19 @@ pub(super) fn section(diagnosis: &Diagnosis, sticks: Actuation) -> Section {
         };
         rows.row(named(candidate), Some(bar), &told::percent(candidate.probability));
     }
+    let mut parts = Rows::new([0.0, 100.0]);
+    let taking_part = told::takes_part(&diagnosis.candidates, LEAST);
+    for (effect, probability) in taking_part.iter().take(FIRST) {
+        let colour = if diagnosis.effects.contains(effect) { FOUND } else { OTHER };
+        let bar = Bar { value: 100.0 * probability, interval: None, from: Some(0.0), colour };
+        parts.row((*effect).to_owned(), Some(bar), &told::percent(*probability));
+    }
     let body = html! {
         div.grid.wide {
             (block("Candidates", "", rows.finish("probability, %")))
+            @if !taking_part.is_empty() {
+                (block("Alone or beside another", "", parts.finish("probability, %")))
+            }
             (numbers(&diagnosis.numbers, sticks))
         }
         (parameters(&shown))
