@@ -181,3 +181,8 @@ pub(super) fn wrapped(angle_rad: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * (angle_rad / TAU).round() }
 }
+
+/// `to` less `from`.
+pub(super) fn difference(law: Law, from: f64, to: f64) -> f64 {
+    if law.wraps { wrapped(to - from) } else { to - from }
+}

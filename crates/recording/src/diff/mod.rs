@@ -12,6 +12,7 @@
 mod align;
 mod clock;
 mod compare;
+mod compared;
 mod derived;
 mod error;
 mod html;
@@ -24,9 +25,11 @@ mod plots;
 mod report;
 mod scan;
 mod series;
+mod tally;
 mod text;
 mod tolerance;
 mod trace;
+mod track;
 mod verdict;
 
 use std::path::{Path, PathBuf};
