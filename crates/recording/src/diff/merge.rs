@@ -3,15 +3,18 @@
 //! Memory is bounded by the time tolerance and the gaps that are bridged, not by the recordings' length: a group keeps
 //! the samples of [`Group::reach_ns`] or so on either side.
 
+use std::ops::Range;
+
 use super::{
-    compared::FieldMerge,
+    compared::{Counterparts, FieldMerge, Taken},
     law::{Interpolation, Law},
     names::Names,
     report::{Tolerance, Trace},
-    series::Shift,
+    rows::is_usable,
+    series::{Bins, Shift},
     tally::Tally,
-    trace::TraceTimes,
-    track::{Around, Counterpart, Cursors, Instant, Track},
+    trace::{DIFFERENCE, TraceTimes},
+    track::{Counterpart, Cursors, Instant, Track},
 };
 use crate::Channel;
 
@@ -54,26 +57,44 @@ pub(super) struct Outcome {
 /// Where a record's sample belongs.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    pub side: usize,
-    /// Instant on A's clock, ns, and piece; `None` where the other recording has no such instant.
-    pub at: Option<(i64, u32)>,
+    /// Instant on A's clock, ns; that of a record before where the other recording has no such instant.
+    pub t_ns: i64,
+    /// `None` where the other recording has no such instant.
+    pub piece: Option<u32>,
     /// The stretch of the traces that it lies in.
     pub stretch: u32,
 }
 
-/// Records of one channel, of both recordings in one order of time.
-#[derive(Default)]
-pub(super) struct Rows {
+/// Records of one channel and recording, in order of time.
+pub(super) struct Block {
     pub places: Vec<Place>,
-    /// All fields of a record, one record after another; not a number where there is none.
-    pub numbers: Vec<f64>,
+    /// Column by column; not a number where there is none.
+    numbers: Vec<f64>,
+    width: usize,
 }
 
-/// A row that counts.
-pub(super) struct Taken {
-    pub side: usize,
-    pub row: usize,
-    pub instant: Instant,
+impl Block {
+    /// Most records of a block.
+    pub const ROWS: usize = 512;
+    /// From one column to the next: cache lines of all columns are to lie in sets of their own.
+    const STRIDE: usize = Self::ROWS + 8;
+
+    pub fn new(channel: Channel) -> Self {
+        Self { places: Vec::new(), numbers: Vec::new(), width: channel.fields().len() }
+    }
+
+    pub fn push(&mut self, place: Place, numbers: &[f64]) {
+        self.numbers.resize(self.width * Self::STRIDE, 0.0);
+        let row = self.places.len();
+        for (column, number) in self.numbers.chunks_exact_mut(Self::STRIDE).zip(numbers) {
+            column[row] = if is_usable(*number) { *number } else { f64::NAN };
+        }
+        self.places.push(place);
+    }
+
+    fn column(&self, column: usize) -> &[f64] {
+        if self.places.is_empty() { &[] } else { &self.numbers[column * Self::STRIDE..][..self.places.len()] }
+    }
 }
 
 /// Fields of a channel that have their samples at the same instants and are looked up in the same way: where an instant lies in
@@ -91,11 +112,12 @@ pub(super) struct Group<'a> {
     cursors: [Cursors; 2],
     /// Samples since some were last compared.
     unsettled: usize,
-    taken: Vec<Taken>,
-    counterparts: Vec<Counterpart>,
-    /// One a counterpart; none without a time tolerance.
-    arounds: Vec<Around>,
+    /// By side, the bins of the decimated series.
+    bins: [Bins; 2],
     times: Option<TraceTimes>,
+    counterparts: Counterparts,
+    /// The number of samples that were held against those of the same number in the other recording, while all were the same.
+    seen_same: u64,
     fields: Vec<FieldMerge>,
 }
 
@@ -122,9 +144,9 @@ impl<'a> Group<'a> {
             tracks: setup.gaps_ns.map(Track::new),
             cursors: [Cursors::default(); 2],
             unsettled: 0,
-            taken: Vec::new(),
-            counterparts: Vec::new(),
-            arounds: Vec::new(),
+            bins: [Bins::new(), Bins::new()],
+            counterparts: Counterparts::default(),
+            seen_same: 0,
             times: axis.map(|axis| TraceTimes::new(axis, setup.gaps_ns[0].max(setup.gaps_ns[1]))),
             fields: vec![FieldMerge::new(column, slot, setup, axis)],
         }
@@ -141,33 +163,35 @@ impl<'a> Group<'a> {
         is_alike
     }
 
-    pub fn slots(&self) -> impl Iterator<Item = usize> {
-        self.fields.iter().map(|field| field.slot)
-    }
-
     /// How far from a sample the other recording's samples matter, ns.
     fn reach_ns(&self) -> i64 {
         self.within_ns + self.tracks[0].gap_ns.max(self.tracks[1].gap_ns)
     }
 
-    /// Takes the channel's next records.
-    pub fn take(&mut self, rows: &Rows) {
-        let width = self.channel.fields().len();
-        for (row, (place, numbers)) in rows.places.iter().zip(rows.numbers.chunks_exact(width)).enumerate() {
-            if self.fields.iter().any(|field| numbers[field.column].is_nan()) {
+    /// Takes the channel's next records: these rows of each side's block, which come in this order of sides.
+    pub fn take(&mut self, blocks: [&Block; 2], rows: &[Range<usize>; 2], order: &[usize]) {
+        // Fields of a group have samples in the same rows.
+        let columns = blocks.map(|block| block.column(self.fields[0].column));
+        let mut next = [rows[0].start, rows[1].start];
+        let mut taken = [Taken::default(), Taken::default()];
+        for &side in order {
+            let row = next[side];
+            next[side] += 1;
+            let Place { t_ns, piece, stretch } = blocks[side].places[row];
+            if columns[side][row].is_nan() {
                 continue;
             }
-            let Some((t_ns, piece)) = place.at else {
-                self.tracks[place.side].left_out += 1;
+            let Some(piece) = piece else {
+                self.tracks[side].left_out += 1;
                 continue;
             };
-            let instant = Instant { t_ns, piece, stretch: place.stretch };
-            if !self.tracks[place.side].push(instant) {
+            if !self.tracks[side].push(Instant { t_ns, piece, stretch }) {
                 continue;
             }
-            self.taken.push(Taken { side: place.side, row, instant });
+            taken[side].push(row, stretch);
+            self.bins[side].push(t_ns);
             if let Some(times) = &mut self.times {
-                times.value(place.side, place.stretch, t_ns);
+                times.add(side, stretch, t_ns);
             }
             // Both recordings come in one order of time, so all that is older than this has come.
             self.unsettled += 1;
@@ -176,11 +200,13 @@ impl<'a> Group<'a> {
                 self.settle(t_ns.saturating_sub(self.reach_ns()));
             }
         }
-        for field in &mut self.fields {
-            let column = field.column;
-            field.add(&self.taken, |row| rows.numbers[row * width + column]);
+        for side in 0..2 {
+            for field in &mut self.fields {
+                field.add(side, &taken[side], blocks[side].column(field.column), &self.bins[side]);
+            }
+            self.bins[side].settle();
         }
-        self.taken.clear();
+        self.see_same();
         self.compare();
         for side in 0..2 {
             let spare = self.tracks[side].prune();
@@ -191,6 +217,26 @@ impl<'a> Group<'a> {
                 }
             }
         }
+    }
+
+    /// Goes on looking whether each sample of a recording has an equal one in the other at an equal time.
+    fn see_same(&mut self) {
+        let [a, b] = &self.tracks;
+        let until = a.count.min(b.count);
+        if self.seen_same == until || !self.fields.iter().any(|field| field.same) {
+            return;
+        }
+        let samples = (until - self.seen_same) as usize;
+        let window = |track: &Track| track.place(self.seen_same).map(|from| from..from + samples);
+        let times = |track: &Track, range: &Range<usize>| -> Vec<i64> {
+            track.window[range.clone()].iter().map(|instant| instant.t_ns).collect()
+        };
+        // Samples that are gone before the other recording's came were at another time.
+        let windows = window(a).zip(window(b)).filter(|(in_a, in_b)| times(a, in_a) == times(b, in_b));
+        for field in &mut self.fields {
+            field.same &= windows.as_ref().is_some_and(|(in_a, in_b)| field.is_same(in_a, in_b));
+        }
+        self.seen_same = until;
     }
 
     /// Finds the counterparts of all samples before an instant.
@@ -229,10 +275,10 @@ impl<'a> Group<'a> {
             && (self.shared_ns.0..=self.shared_ns.1).contains(&at.t_ns);
         if found || expected {
             self.tracks[side].compared += 1;
-            self.counterparts.push(Counterpart { side, sample, at, instant });
-            self.arounds.extend(around);
+            self.counterparts.push(Counterpart { side, sample, at, instant }, around);
             if let Some(times) = &mut self.times {
-                times.difference(at.stretch, at.t_ns);
+                self.counterparts.runs.push(at.stretch);
+                times.add(DIFFERENCE, at.stretch, at.t_ns);
             }
         }
     }
@@ -240,23 +286,20 @@ impl<'a> Group<'a> {
     /// Compares the samples whose counterparts were found.
     fn compare(&mut self) {
         for field in &mut self.fields {
-            for (place, counterpart) in self.counterparts.iter().enumerate() {
-                field.judge(counterpart, self.arounds.get(place));
-            }
+            field.compare(&self.counterparts);
         }
-        self.arounds.clear();
         self.counterparts.clear();
     }
 
     /// What came out, by slot of the catalogue.
-    pub fn finish(mut self, names: &Names) -> impl Iterator<Item = (usize, Outcome)> {
+    pub fn finish(mut self, names: [&Names; 2]) -> impl Iterator<Item = (usize, Outcome)> {
         self.settle(i64::MAX);
         self.compare();
-        let (times, [a, b]) = (self.times, self.tracks);
-        let same = a.count == b.count && a.left_out + b.left_out == 0 && a.digest == b.digest;
+        let Self { tracks: [a, b], bins, times, fields, .. } = self;
+        let same = a.count == b.count && a.left_out + b.left_out == 0;
         let compared = [a.compared, b.compared];
-        self.fields
+        fields
             .into_iter()
-            .map(move |field| (field.slot, field.finish(compared, same, times.as_ref(), names)))
+            .map(move |field| (field.slot, field.finish(compared, same, &bins, times.as_ref(), names)))
     }
 }

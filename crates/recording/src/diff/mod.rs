@@ -23,14 +23,17 @@ mod names;
 mod pair;
 mod plots;
 mod report;
+mod rows;
 mod scan;
 mod series;
+mod sorter;
 mod tally;
 mod text;
 mod tolerance;
 mod trace;
 mod track;
 mod verdict;
+mod wire;
 
 use std::path::{Path, PathBuf};
 

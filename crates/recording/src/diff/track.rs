@@ -4,17 +4,6 @@ use std::ops::Range;
 
 use super::law::{Interpolation, Law, difference};
 
-/// 128 bits that are equal for equal series, and for others by a chance that is nothing. Two multiplicative hashes with odd
-/// factors (Knuth, The Art of Computer Programming, vol. 3, 6.4), as a sample must cost little.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Digest(u64, u64);
-
-impl Digest {
-    pub fn add(&mut self, bits: u64) {
-        self.0 = (self.0.rotate_left(29) ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.1 = (self.1.rotate_left(23) ^ bits).wrapping_mul(0xd6e8_feb8_6659_fd93);
-    }
-}
 /// When a sample was, on A's clock.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Instant {
@@ -37,7 +26,6 @@ pub(super) struct Track {
     pub compared: u64,
     /// Samples without a counterpart on the other clock, or out of order beyond repair.
     pub left_out: u64,
-    pub digest: Digest,
     pub last_ns: i64,
 }
 
@@ -101,6 +89,17 @@ pub(super) struct Counterpart {
     pub instant: Option<Spot>,
 }
 
+impl Counterpart {
+    /// Whether another sample comes right after this one, and so does the sample that answers to it.
+    pub fn is_followed_by(&self, other: &Self) -> bool {
+        let places_follow = match (self.instant, other.instant) {
+            (Some(Spot::At(place)), Some(Spot::At(next))) => place + 1 == next,
+            _ => false,
+        };
+        places_follow && self.sample + 1 == other.sample && self.side == other.side
+    }
+}
+
 /// Room is made at a window's front once so many samples of it are not needed any more.
 const SPARE_MAX: usize = 1024;
 
@@ -114,7 +113,6 @@ impl Track {
             count: 0,
             compared: 0,
             left_out: 0,
-            digest: Digest::default(),
             last_ns: i64::MIN,
         }
     }
@@ -126,9 +124,14 @@ impl Track {
         }
         self.last_ns = instant.t_ns;
         self.count += 1;
-        self.digest.add(instant.t_ns.cast_unsigned());
         self.window.push(instant);
         true
+    }
+
+    /// Where the sample of a number, counted from the first of all, is in the window; `None` if it is not needed any more.
+    pub fn place(&self, number: u64) -> Option<usize> {
+        let gone = self.count - self.window.len() as u64;
+        number.checked_sub(gone).map(|place| place as usize)
     }
 
     /// Moves a cursor on to the first sample that is not `before`.
