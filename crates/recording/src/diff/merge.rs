@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::{
-    compared::{Counterparts, FieldMerge, Taken},
+    judge::{Counterparts, FieldMerge, Taken},
     law::{Interpolation, Law},
     names::Names,
     report::{Tolerance, Trace},

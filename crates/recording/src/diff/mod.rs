@@ -12,10 +12,10 @@
 mod align;
 mod clock;
 mod compare;
-mod compared;
 mod derived;
 mod error;
 mod html;
+mod judge;
 mod keys;
 mod law;
 mod merge;

@@ -155,8 +155,8 @@ pub(super) struct RowReader {
     shapes: [Shape; Channel::ALL.len()],
     /// By channel, the one that was used last first.
     layouts: [Vec<Layout>; Channel::ALL.len()],
-    /// By channel, the row that was made last.
-    rows: [Row; Channel::ALL.len()],
+    /// What was made last of a message that lies in its own way, or of a record.
+    row: Row,
     /// The names among all that was read.
     pub names: Names,
 }
@@ -167,7 +167,7 @@ impl RowReader {
         Self {
             shapes: Channel::ALL.map(|channel| Shape::of(channel, &entries)),
             layouts: Default::default(),
-            rows: Channel::ALL.map(Row::new),
+            row: Row::new(Channel::Event),
             names: Names::default(),
         }
     }
@@ -176,32 +176,26 @@ impl RowReader {
     pub fn message(&mut self, message: Message, decoder: &Decoder) -> Result<&mut Row, RecordingError> {
         let place = message.channel as usize;
         let shape = self.shapes[place];
-        let layouts = &mut self.layouts[place];
-        let known = layouts.iter().position(|layout| layout.fits(message.data));
+        let known = self.layouts[place].iter().position(|layout| layout.fits(message.data));
         if let Some(known) = known {
-            let row = &mut self.rows[place];
-            if known > 0 {
-                layouts[..=known].rotate_right(1);
-                *row = layouts[0].row;
-            }
-            layouts[0].read(message.data, &shape, row);
-        } else {
-            let row = *self.record(&decoder.decode(message)?);
-            if let Some(layout) = Layout::of(message.data, &shape, &row) {
-                let layouts = &mut self.layouts[place];
-                layouts.truncate(LAYOUTS_MAX - 1);
-                layouts.insert(0, layout);
-            }
+            let layouts = &mut self.layouts[place];
+            layouts[..=known].rotate_right(1);
+            return Ok(layouts[0].read(message.data, &shape));
         }
-        Ok(&mut self.rows[place])
+        self.record(&decoder.decode(message)?);
+        if let Some(layout) = Layout::of(message.data, &shape, &self.row) {
+            let layouts = &mut self.layouts[place];
+            layouts.truncate(LAYOUTS_MAX - 1);
+            layouts.insert(0, layout);
+        }
+        Ok(&mut self.row)
     }
 
     /// Makes a row of a record.
     pub fn record(&mut self, record: &Record) -> &mut Row {
-        let place = record.channel() as usize;
-        self.rows[place] = self.shapes[place].row(record);
-        self.names.learn(record, &self.rows[place].numbers);
-        &mut self.rows[place]
+        self.row = self.shapes[record.channel() as usize].row(record);
+        self.names.learn(record, &self.row.numbers);
+        &mut self.row
     }
 }
 
@@ -255,11 +249,11 @@ mod tests {
         let mut n = i * 7;
         let mut x = || {
             n += 1;
-            if n % 3 == 0 { 0.0 } else { n as f64 * 0.37 - 5.0 }
+            if n.is_multiple_of(3) { 0.0 } else { n as f64 * 0.37 - 5.0 }
         };
         let mut three = || [x(), x(), x()];
         let (a, b, c, d) = (three(), three(), three(), three());
-        let maybe = |x: f64| (i % 5 != 0).then_some(x);
+        let maybe = |x: f64| (!i.is_multiple_of(5)).then_some(x);
         let (time, other) = (Time::from_nanos(i * i * 1_000_003), Time::from_nanos(i * 999));
         let sticks = Sticks { throttle: a[0], pitch: a[1], roll: a[2], yaw: b[0] };
         let status = [TrackStatus::Found, TrackStatus::Lost, TrackStatus::Ambiguous][i as usize % 3];
@@ -336,17 +330,24 @@ mod tests {
     fn a_message_makes_the_row_of_its_record_however_it_lies() {
         let (mut by_message, mut by_record) = (RowReader::new(), RowReader::new());
         let decoder = Decoder::new(Path::new("a.mcap"), 5);
-        let mut data = Vec::new();
-        for record in (0..200).flat_map(records) {
+        let mut check = |record: &Record, more: &[u8]| {
             let channel = record.channel();
-            data.clear();
-            codec::encode(&record, 5, false, &mut data);
-            let expected = *by_record.record(&record);
-            // The second one is read as the first one lay.
-            for _ in 0..2 {
-                let message = Message { channel, log_time: 0, data: &data };
-                let row = by_message.message(message, &decoder).expect("a row");
-                assert!(row.is_as(&expected), "{row:?} of {record:?}");
+            let mut data = Vec::new();
+            codec::encode(record, 5, false, &mut data);
+            data.extend_from_slice(more);
+            let message = Message { channel, log_time: 0, data: &data };
+            let row = by_message.message(message, &decoder).expect("a row");
+            assert!(row.is_as(by_record.record(record)), "{row:?} of {record:?}");
+        };
+        // A field that no message has: its layout is not learnt.
+        let unknown = [15 << 3, 1];
+        for i in 0..200 {
+            for (record, next) in records(i).into_iter().zip(records(i + 1)) {
+                // The second one is read as the first one lay, and so is the last, whatever came between.
+                check(&record, &[]);
+                check(&record, &[]);
+                check(&next, &unknown);
+                check(&record, &[]);
             }
         }
         for (channel, layouts) in Channel::ALL.into_iter().zip(&by_message.layouts) {

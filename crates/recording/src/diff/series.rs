@@ -27,7 +27,7 @@ enum Step {
 pub(super) struct Bins {
     start_ns: i64,
     width_ns: i64,
-    bins: Vec<Bin>,
+    all: Vec<Bin>,
     /// The bin of the sample before, and where it begins after the start, ns: most samples fall into it as well.
     current: (usize, u64),
     /// Since [`Bins::settle`].
@@ -36,20 +36,20 @@ pub(super) struct Bins {
 
 impl Bins {
     pub fn new() -> Self {
-        Self { start_ns: 0, width_ns: FINEST_NS, bins: Vec::new(), current: (0, 0), steps: Vec::new() }
+        Self { start_ns: 0, width_ns: FINEST_NS, all: Vec::new(), current: (0, 0), steps: Vec::new() }
     }
 
     /// Counts a sample; whether it belongs to the series: those before the first one do not.
     pub fn push(&mut self, t_ns: i64) -> bool {
-        if self.bins.is_empty() {
+        if self.all.is_empty() {
             self.start_ns = t_ns;
         }
         let Ok(since) = u64::try_from(t_ns.saturating_sub(self.start_ns)) else { return false };
-        if since < self.current.1 || since - self.current.1 >= self.width_ns as u64 || self.bins.is_empty() {
+        if since < self.current.1 || since - self.current.1 >= self.width_ns as u64 || self.all.is_empty() {
             self.seek(since);
         }
         let (index, from) = self.current;
-        let bin = &mut self.bins[index];
+        let bin = &mut self.all[index];
         bin.count += 1;
         bin.time += (since - from) as f64;
         match self.steps.last_mut() {
@@ -70,15 +70,15 @@ impl Bins {
             self.coarsen();
         }
         let index = (since / self.width_ns as u64) as usize;
-        if self.bins.len() <= index {
-            self.bins.resize(index + 1, Bin::default());
+        if self.all.len() <= index {
+            self.all.resize(index + 1, Bin::default());
         }
         self.current = (index, index as u64 * self.width_ns as u64);
     }
 
     fn coarsen(&mut self) {
         let width = self.width_ns as f64;
-        join_pairs(&mut self.bins, |bin, later| Bin {
+        join_pairs(&mut self.all, |bin, later| Bin {
             count: bin.count + later.count,
             time: bin.time + later.time + width * f64::from(later.count),
         });
@@ -98,7 +98,7 @@ impl Bins {
             let start_ns = self.start_ns as f64 + index as f64 * self.width_ns as f64;
             (bin.count > 0).then(|| [(start_ns + bin.time / count) * 1e-9, sum / count])
         };
-        self.bins.iter().enumerate().zip(&sums.0).filter_map(point).collect()
+        self.all.iter().enumerate().zip(&sums.0).filter_map(point).collect()
     }
 }
 
@@ -249,7 +249,7 @@ mod tests {
     #[test]
     fn size_is_bounded_and_means_stay_true() {
         let series = series(1000.0, 0.001, |t| 2.0 * t);
-        assert!(series.bins.bins.len() <= BINS);
+        assert!(series.bins.all.len() <= BINS);
         for [t, v] in series.points() {
             assert!((v - 2.0 * t).abs() < 1e-6, "{t} {v}");
         }

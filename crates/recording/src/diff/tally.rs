@@ -36,9 +36,7 @@ impl Tally {
     pub fn mean(&self) -> f64 {
         self.sum / self.count.max(1) as f64
     }
-}
 
-impl Tally {
     pub fn add(&mut self, t_ns: i64, b_less_a: f64, off: f64, rms_limit: Option<f64>) {
         let size = b_less_a.abs();
         self.count += 1;
@@ -77,7 +75,8 @@ impl Tally {
         for (value, more) in samples() {
             let (allowed, off) = (allowed(value, more), more.abs());
             beyond += u64::from(off > allowed);
-            worse |= off > 0.0 && !(off < worst * allowed);
+            let is_clearly_less = off < worst * allowed;
+            worse |= off > 0.0 && !is_clearly_less;
         }
         if worse {
             let ratios = samples().filter(|(_, more)| *more != 0.0);
@@ -92,7 +91,9 @@ impl Tally {
             }
         }
         if side == 1 {
-            more.iter_mut().for_each(|difference| *difference = -*difference);
+            for difference in more.iter_mut() {
+                *difference = -*difference;
+            }
         }
         let sum = |of: fn(f64) -> f64, from: f64| more.iter().fold(from, |sum, x| sum + of(*x));
         self.count += more.len() as u64;

@@ -41,8 +41,8 @@ pub(super) struct Layout {
     doubles: Vec<(usize, usize)>,
     /// Offset and place among the row's counts.
     counts: Vec<(usize, usize)>,
-    /// What all of these messages have.
-    pub row: Row,
+    /// Has what all of these messages have, and the numbers of the one that was read last.
+    row: Row,
 }
 
 impl Layout {
@@ -57,9 +57,7 @@ impl Layout {
             row: *row,
         };
         layout.learn(0, message.len(), columns(row.channel), shape)?;
-        let mut again = layout.row;
-        layout.read(message, shape, &mut again);
-        again.is_as(row).then_some(layout)
+        layout.read(message, shape).is_as(row).then_some(layout)
     }
 
     /// Learns from a message, or one within it, of fields that have these columns.
@@ -129,8 +127,9 @@ impl Layout {
             && message.iter().zip(&self.bytes).zip(&self.mask).map(differs).fold(0, |all, one| all | one) == 0
     }
 
-    /// Reads a message that fits into a row that has what all of these messages have.
-    pub fn read(&self, message: &[u8], shape: &Shape, row: &mut Row) {
+    /// Reads a message that fits.
+    pub fn read(&mut self, message: &[u8], shape: &Shape) -> &mut Row {
+        let row = &mut self.row;
         for &(at, column) in &self.doubles {
             if let Some(bytes) = message[at..].first_chunk() {
                 row.numbers[column] = f64::from_le_bytes(*bytes);
@@ -140,6 +139,7 @@ impl Layout {
             row.counts[place] = varint(&message[at..]);
         }
         shape.set_age(row);
+        row
     }
 }
 

@@ -37,29 +37,28 @@ pub(super) struct Counterparts {
     pub arounds: Vec<Around>,
     /// Where the samples are drawn.
     pub runs: Runs,
-    batches: Vec<Batch>,
+    sequences: Vec<Sequence>,
 }
 
 /// Counterparts in a row of samples of one recording.
-struct Batch {
+struct Sequence {
     side: usize,
     range: Range<usize>,
     /// The samples follow one another, and so do the samples that answer to them.
     is_straight: bool,
 }
 
-/// Straight batches of fewer samples are not worth their own.
+/// Straight sequences of fewer samples are not worth their own.
 const STRAIGHT_MIN: usize = 8;
 
 impl Counterparts {
     pub fn push(&mut self, counterpart: Counterpart, around: Option<Around>) {
         let follows = self.all.last().is_some_and(|before| before.is_followed_by(&counterpart));
-        let next = self.all.len();
-        match self.batches.last_mut() {
-            Some(batch) if batch.side == counterpart.side && batch.range.end == next => {
-                if !batch.is_straight || follows || batch.range.len() < STRAIGHT_MIN {
-                    batch.is_straight &= follows;
-                    batch.range.end += 1;
+        match self.sequences.last_mut() {
+            Some(sequence) if sequence.side == counterpart.side => {
+                if !sequence.is_straight || follows || sequence.range.len() < STRAIGHT_MIN {
+                    sequence.is_straight &= follows;
+                    sequence.range.end += 1;
                 } else {
                     self.begin(counterpart.side);
                 }
@@ -72,14 +71,14 @@ impl Counterparts {
 
     fn begin(&mut self, side: usize) {
         let next = self.all.len();
-        self.batches.push(Batch { side, range: next..next + 1, is_straight: true });
+        self.sequences.push(Sequence { side, range: next..next + 1, is_straight: true });
     }
 
     pub fn clear(&mut self) {
         self.all.clear();
         self.arounds.clear();
         self.runs.clear();
-        self.batches.clear();
+        self.sequences.clear();
     }
 }
 
@@ -196,7 +195,7 @@ impl FieldMerge {
             }
             self.tally = tally;
         } else {
-            counterparts.batches.iter().for_each(|batch| self.compare_batch(&counterparts.all, batch));
+            counterparts.sequences.iter().for_each(|sequence| self.compare_all(&counterparts.all, sequence));
         }
         if let Some(trace) = &mut self.trace {
             trace.add(DIFFERENCE, &counterparts.runs, &self.differences);
@@ -204,13 +203,13 @@ impl FieldMerge {
     }
 
     /// Compares samples that are numbers and have something at the same instant.
-    fn compare_batch(&mut self, counterparts: &[Counterpart], batch: &Batch) {
+    fn compare_all(&mut self, counterparts: &[Counterpart], sequence: &Sequence) {
         let Setup { law, tolerance, .. } = self.setup;
-        let counterparts = &counterparts[batch.range.clone()];
-        let (own, others) = (&self.values[batch.side], &self.values[1 - batch.side]);
+        let counterparts = &counterparts[sequence.range.clone()];
+        let (own, others) = (&self.values[sequence.side], &self.values[1 - sequence.side]);
         let from = self.differences.len();
         let values = match counterparts[0] {
-            Counterpart { sample, instant: Some(Spot::At(place)), .. } if batch.is_straight => {
+            Counterpart { sample, instant: Some(Spot::At(place)), .. } if sequence.is_straight => {
                 let values = &own[sample..sample + counterparts.len()];
                 let others = &others[place..place + counterparts.len()];
                 self.differences.extend(others.iter().zip(values).map(|(there, here)| there - here));
@@ -219,9 +218,8 @@ impl FieldMerge {
             _ => {
                 self.gathered.clear();
                 for counterpart in counterparts {
-                    let (Some(spot), value) = (counterpart.instant, own[counterpart.sample]) else {
-                        continue;
-                    };
+                    let spot = counterpart.instant.expect("there is a value at each sample's instant");
+                    let value = own[counterpart.sample];
                     self.gathered.push(value);
                     self.differences.push(spot.value(law, others) - value);
                 }
@@ -230,10 +228,12 @@ impl FieldMerge {
         };
         let differences = &mut self.differences[from..];
         if law.wraps {
-            differences.iter_mut().for_each(|difference| *difference = wrapped(*difference));
+            for difference in differences.iter_mut() {
+                *difference = wrapped(*difference);
+            }
         }
         let time = |place: usize| counterparts[place].at.t_ns;
-        self.tally.add_all(batch.side, values, differences, time, &tolerance);
+        self.tally.add_all(sequence.side, values, differences, time, &tolerance);
     }
 
     /// The difference of a sample, B less A, unless there is none.
