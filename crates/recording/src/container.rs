@@ -169,6 +169,11 @@ impl Chunk {
         Some(Ok((opcode, content)))
     }
 
+    /// What was given so far; the content of the last record is at its end.
+    pub fn read(&self) -> &[u8] {
+        &self.records[..self.at]
+    }
+
     /// Gives nothing more.
     pub fn end(&mut self) {
         self.at = self.records.len();

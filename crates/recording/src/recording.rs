@@ -65,23 +65,73 @@ impl Recording {
 
     /// Reads the records in the order of the file, which is that in which they were recorded.
     pub fn records(&self) -> Result<Records, RecordingError> {
-        self.records_of(&Channel::ALL)
+        Ok(Records { messages: self.messages_of(&Channel::ALL)?, decoder: self.decoder() })
     }
 
-    /// The same of some channels only; what stands in the others is neither decoded nor checked.
-    pub(crate) fn records_of(&self, channels: &[Channel]) -> Result<Records, RecordingError> {
-        let epoch_ns = self.session.epoch_unix_ns.unwrap_or(0);
-        Records::open(
-            &self.path,
-            self.chunks.clone(),
-            Decoder { channels: Vec::new(), wanted: channels.to_vec(), epoch_ns },
-        )
+    /// The messages of some channels, as they are in the file; what stands in the others is not looked at.
+    pub(crate) fn messages_of(&self, channels: &[Channel]) -> Result<Messages, RecordingError> {
+        Messages::open(&self.path, self.chunks.clone(), channels)
+    }
+
+    /// Reads messages as records.
+    pub(crate) fn decoder(&self) -> Decoder {
+        Decoder::new(&self.path, self.session.epoch_unix_ns.unwrap_or(0))
     }
 }
 
 /// The records of a recording, one by one. Memory is bounded by the largest chunk, not by the file. A chunk gives its
 /// records only if its checksum holds and none that the summary lists before it is missing. Ends after the first error.
 pub struct Records {
+    messages: Messages,
+    decoder: Decoder,
+}
+
+impl Iterator for Records {
+    type Item = Result<Record, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let message = self.messages.next().transpose()?;
+        let record = message.and_then(|message| self.decoder.decode(message));
+        if record.is_err() {
+            self.messages.end();
+        }
+        Some(record)
+    }
+}
+
+/// A message as it is in the file.
+#[derive(Clone, Copy)]
+pub(crate) struct Message<'a> {
+    pub channel: Channel,
+    pub log_time: u64,
+    pub data: &'a [u8],
+}
+
+/// Makes records of messages.
+pub(crate) struct Decoder {
+    path: PathBuf,
+    /// What log times count from, ns since 1970.
+    epoch_ns: u64,
+}
+
+impl Decoder {
+    pub fn new(path: &Path, epoch_ns: u64) -> Self {
+        Self { path: path.to_owned(), epoch_ns }
+    }
+
+    pub fn decode(&self, message: Message) -> Result<Record, RecordingError> {
+        let Message { channel, log_time, data } = message;
+        codec::decode(channel, self.epoch_ns, data).map_err(|detail| RecordingError::BadMessage {
+            path: self.path.clone(),
+            channel: channel.topic(),
+            time: Time::from_nanos(log_time.saturating_sub(self.epoch_ns)),
+            detail,
+        })
+    }
+}
+
+/// The messages of a recording, one by one.
+pub(crate) struct Messages {
     path: PathBuf,
     /// The file's own records, chunks whole.
     file: RecordStream<BufReader<File>>,
@@ -92,21 +142,20 @@ pub struct Records {
     /// The chunk that is being read.
     chunk: Chunk,
     body: Vec<u8>,
-    decoder: Decoder,
+    channels: Channels,
     past_data: bool,
 }
 
-/// Makes records of messages.
-struct Decoder {
-    /// By MCAP channel; topics that hold no records, or none that are wanted, are absent.
-    channels: Vec<Option<Channel>>,
-    wanted: Vec<Channel>,
-    /// What log times count from, ns since 1970.
-    epoch_ns: u64,
+/// Where a message stands: at the end of what was read last.
+struct Found {
+    channel: Channel,
+    log_time: u64,
+    length: usize,
+    in_chunk: bool,
 }
 
-impl Records {
-    fn open(path: &Path, chunks: Option<Vec<u64>>, decoder: Decoder) -> Result<Self, RecordingError> {
+impl Messages {
+    fn open(path: &Path, chunks: Option<Vec<u64>>, wanted: &[Channel]) -> Result<Self, RecordingError> {
         let mut container = Container::open(path)?;
         container.rewind()?;
         let options =
@@ -118,19 +167,33 @@ impl Records {
             chunks,
             chunk: Chunk::default(),
             body: Vec::new(),
-            decoder,
+            channels: Channels { known: Vec::new(), wanted: wanted.to_vec() },
             past_data: false,
         })
     }
 
-    /// The next record; `None` at the end.
-    fn read(&mut self) -> Result<Option<Record>, RecordingError> {
-        let Self { path, decoder, .. } = self;
+    /// The next message; `None` at the end. Nothing more is to be read after an error.
+    pub fn next(&mut self) -> Result<Option<Message<'_>>, RecordingError> {
+        let found = self.find().inspect_err(|_| self.end())?;
+        Ok(found.map(|Found { channel, log_time, length, in_chunk }| {
+            let read = if in_chunk { self.chunk.read() } else { &self.body };
+            Message { channel, log_time, data: &read[read.len() - length..] }
+        }))
+    }
+
+    /// Gives nothing more.
+    fn end(&mut self) {
+        self.file.end();
+        self.chunk.end();
+    }
+
+    fn find(&mut self) -> Result<Option<Found>, RecordingError> {
+        let Self { path, channels, .. } = self;
         loop {
             while let Some(next) = self.chunk.next() {
                 let (opcode, content) = next.map_err(|error| container::damaged(path, &error))?;
-                if let Some(record) = decoder.take(opcode, content, path)? {
-                    return Ok(Some(record));
+                if let Some(found) = channels.take(opcode, content, true, path)? {
+                    return Ok(Some(found));
                 }
             }
             let Some(opcode) = self.file.next(&mut self.body) else { return Ok(None) };
@@ -146,9 +209,9 @@ impl Records {
             self.past_data |= opcode == op::DATA_END;
             if !self.past_data
                 && matches!(opcode, op::CHANNEL | op::MESSAGE)
-                && let Some(record) = decoder.take(opcode, &self.body, path)?
+                && let Some(found) = channels.take(opcode, &self.body, false, path)?
             {
-                return Ok(Some(record));
+                return Ok(Some(found));
             }
         }
     }
@@ -178,15 +241,28 @@ fn expect(chunks: &mut Option<Vec<u64>>, opcode: u8, offset: u64, path: &Path) -
     Ok(())
 }
 
-impl Decoder {
-    /// Reads a message of a wanted channel and remembers a channel; anything else is passed over.
-    fn take(&mut self, opcode: u8, content: &[u8], path: &Path) -> Result<Option<Record>, RecordingError> {
+/// What a file's channels are.
+struct Channels {
+    /// By MCAP channel; topics that hold no records, or none that are wanted, are absent.
+    known: Vec<Option<Channel>>,
+    wanted: Vec<Channel>,
+}
+
+impl Channels {
+    /// Finds a message of a wanted channel and remembers a channel; anything else is passed over.
+    fn take(
+        &mut self,
+        opcode: u8,
+        content: &[u8],
+        in_chunk: bool,
+        path: &Path,
+    ) -> Result<Option<Found>, RecordingError> {
         match opcode {
             op::MESSAGE => {
                 let (id, log_time, data) = container::message(content)
                     .ok_or_else(|| container::damaged(path, &McapError::UnexpectedEoc))?;
-                let channel = self.channels.get(usize::from(id)).copied().flatten();
-                channel.map(|channel| self.decode(path, channel, log_time, data)).transpose()
+                let channel = self.known.get(usize::from(id)).copied().flatten();
+                Ok(channel.map(|channel| Found { channel, log_time, length: data.len(), in_chunk }))
             }
             op::CHANNEL => {
                 let record = container::parse(opcode, content);
@@ -203,26 +279,11 @@ impl Decoder {
 
     fn remember(&mut self, channel: &records::Channel) {
         let id = usize::from(channel.id);
-        if self.channels.len() <= id {
-            self.channels.resize(id + 1, None);
+        if self.known.len() <= id {
+            self.known.resize(id + 1, None);
         }
         let known = Channel::from_topic(&channel.topic);
-        self.channels[id] = known.filter(|channel| self.wanted.contains(channel));
-    }
-
-    fn decode(
-        &self,
-        path: &Path,
-        channel: Channel,
-        log_time: u64,
-        data: &[u8],
-    ) -> Result<Record, RecordingError> {
-        codec::decode(channel, self.epoch_ns, data).map_err(|detail| RecordingError::BadMessage {
-            path: path.to_owned(),
-            channel: channel.topic(),
-            time: Time::from_nanos(log_time.saturating_sub(self.epoch_ns)),
-            detail,
-        })
+        self.known[id] = known.filter(|channel| self.wanted.contains(channel));
     }
 }
 
@@ -231,18 +292,5 @@ fn broken(path: &Path, error: &McapError) -> RecordingError {
     match error {
         McapError::UnexpectedEof => RecordingError::Unfinished { path: path.to_owned() },
         error => container::damaged(path, error),
-    }
-}
-
-impl Iterator for Records {
-    type Item = Result<Record, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let next = self.read().transpose();
-        if matches!(next, Some(Err(_))) {
-            self.file.end();
-            self.chunk.end();
-        }
-        next
     }
 }

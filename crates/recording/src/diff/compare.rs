@@ -1,25 +1,20 @@
 //! The second pass: both recordings at once, in order of time, each sample against the other recording.
 
 use std::{
-    sync::{
-        Arc,
-        mpsc::{Receiver, SyncSender, sync_channel},
-    },
+    ops::{ControlFlow, Range},
+    sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel},
     thread,
 };
 
 use super::{
     align::TimeMap,
-    law::{Cell, Entry, Extractor, catalogue, slots},
-    merge::{Axis, Group, Outcome, Place, Rows, Setup},
-    names::Names,
+    law::slots,
+    merge::{Axis, Block, Group, Outcome, Place, Setup},
+    rows::{Row, Steps},
     scan::Scan,
     trace::Stretches,
 };
 use crate::{Channel, RecordingError};
-
-/// Recordings of more records than this are compared by two threads, half of the fields each.
-const SHARED_OUT_FROM: u64 = 20_000;
 
 /// Compares the fields that have a setup; one outcome a slot.
 pub(super) fn compare(
@@ -53,263 +48,168 @@ pub(super) fn compare(
             groups.push(Group::new((channel, column, slot), setup, shared_ns, &cuts_ns, axis));
         }
     }
-    let mut names = Names::default();
+    let plan = Plan { map, stretches: axis.map(Stretches::of) };
     // A file that is out of order is read once a channel: each for itself is in order, or nothing is.
     if a.is_unsorted() || b.is_unsorted() {
         for of_channel in groups.chunk_by_mut(|one, next| one.channel == next.channel) {
-            compare_groups(a, b, (map, axis), of_channel, &mut names)?;
+            compare_groups(a, b, plan, of_channel)?;
         }
     } else {
-        compare_groups(a, b, (map, axis), &mut groups, &mut names)?;
+        compare_groups(a, b, plan, &mut groups)?;
     }
     let mut outcomes: Vec<Option<Outcome>> = setups.iter().map(|_| None).collect();
-    for (slot, outcome) in groups.into_iter().flat_map(|group| group.finish(&names)) {
+    for (slot, outcome) in groups.into_iter().flat_map(|group| group.finish([&a.names, &b.names])) {
         outcomes[slot] = Some(outcome);
     }
     Ok(outcomes)
 }
 
-/// Samples of both recordings in one order of time, by channel. What compares goes through it field by field, so that what is kept
-/// of a field stays at hand.
-struct Block {
-    records: usize,
-    rows: [Rows; Channel::ALL.len()],
-}
-
-impl Block {
-    /// Records of a block.
-    const RECORDS: usize = 1024;
-
-    fn new() -> Self {
-        Self { records: 0, rows: Default::default() }
-    }
-
-    /// Hands the samples to what compares them.
-    fn compare<'m, 'a: 'm>(&self, groups: impl IntoIterator<Item = &'m mut Group<'a>>) {
-        for group in groups {
-            group.take(&self.rows[group.channel as usize]);
-        }
-    }
-}
-
-/// Reads both recordings, each on a thread of its own, and compares the fields of some channels: here, or on two more threads
-/// where there is much to compare. Blocks go from here to both, which wait for nothing else.
-fn compare_groups(
-    a: &Scan,
-    b: &Scan,
-    (map, axis): (&TimeMap, Option<Axis>),
-    groups: &mut [Group<'_>],
-    names: &mut Names,
-) -> Result<(), RecordingError> {
-    let entries = catalogue();
+/// Reads both recordings, each on a thread of its own, and compares the fields of some channels.
+fn compare_groups(a: &Scan, b: &Scan, plan: Plan, groups: &mut [Group<'_>]) -> Result<(), RecordingError> {
     let mut channels: Vec<Channel> = groups.iter().map(|group| group.channel).collect();
     channels.dedup();
-    let plan = Plan { map, stretches: axis.map(Stretches::of) };
     thread::scope(|scope| {
-        let receivers = [a, b].map(|scan| {
-            let (sender, receiver) = sync_channel(BATCHES);
-            let (entries, channels) = (&entries, &channels);
-            scope.spawn(move || read_ahead(scan, channels, entries, &sender));
-            receiver
-        });
-        if a.records.max(b.records) < SHARED_OUT_FROM {
-            return make_blocks(receivers, &plan, names, |block| block.compare(&mut *groups));
-        }
-        let senders = halves(groups, a, b).map(|mut groups| {
-            let (sender, receiver) = sync_channel::<Arc<Block>>(BLOCKS);
-            scope.spawn(move || {
-                for block in receiver {
-                    block.compare(groups.iter_mut().map(|group| &mut **group));
-                }
-            });
-            sender
-        });
-        make_blocks(receivers, &plan, names, |block| {
-            let block = Arc::new(block);
-            for sender in &senders {
-                // It fails only where the other end has panicked, which the end of the scope tells.
-                let _ = sender.send(Arc::clone(&block));
-            }
-        })
+        let channels = &channels;
+        let (readers, ahead): (Vec<_>, Vec<_>) = [a, b]
+            .into_iter()
+            .enumerate()
+            .map(|(side, scan)| {
+                let (sender, receiver) = sync_channel(BATCHES);
+                let (giver, used) = channel();
+                let ends = (sender, used);
+                (scope.spawn(move || read_ahead(scan, side, channels, plan, ends)), (receiver, giver))
+            })
+            .unzip();
+        compare_batches(&ahead, groups);
+        drop(ahead);
+        readers
+            .into_iter()
+            .try_for_each(|reader| reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     })
 }
 
-/// The groups in two parts of about as many samples.
-fn halves<'m, 'a>(groups: &'m mut [Group<'a>], a: &Scan, b: &Scan) -> [Vec<&'m mut Group<'a>>; 2] {
-    let samples = |group: &Group| -> u64 {
-        group.slots().map(|slot| a.fields[slot].count + b.fields[slot].count).sum()
-    };
-    let mut groups: Vec<&mut Group<'_>> = groups.iter_mut().collect();
-    groups.sort_by_key(|group| std::cmp::Reverse(samples(group)));
-    let mut halves = [(0, Vec::new()), (0, Vec::new())];
-    for group in groups {
-        let smaller = usize::from(halves[1].0 < halves[0].0);
-        halves[smaller].0 += samples(group);
-        halves[smaller].1.push(group);
-    }
-    halves.map(|(_, groups)| groups)
-}
+/// Batches that a thread reads ahead before it waits.
+const BATCHES: usize = 2;
 
-/// Records that a thread reads ahead before it waits: so many a batch, and so many batches.
-const BATCH: usize = 256;
-const BATCHES: usize = 4;
-/// Blocks that wait for being compared.
-const BLOCKS: usize = 2;
-
-/// Records of one recording in order of time, as numbers.
-#[derive(Default)]
-struct Batch {
-    /// Instant, ns, and channel of each.
-    records: Vec<(i64, Channel)>,
-    /// The numbers of all fields of one record after those of another; not a number where there is none.
-    numbers: Vec<f64>,
-    /// Names that no batch before had, with the numbers that stand for them.
-    names: Vec<(u64, String)>,
-    /// What ended the reading after these records.
-    error: Option<RecordingError>,
-}
-
-/// Sends the records of a recording in order of time until nobody wants them any more.
-fn read_ahead(scan: &Scan, channels: &[Channel], entries: &[Entry], sender: &SyncSender<Batch>) {
-    let mut records = match scan.sorted(channels) {
-        Ok(records) => records,
-        Err(error) => {
-            // Nobody is left to tell only if the other recording has failed already.
-            let _ = sender.send(Batch { error: Some(error), ..Batch::default() });
-            return;
-        }
-    };
-    let mut extractor = Extractor::new();
-    let mut names = Names::default();
-    loop {
-        let mut batch = Batch::default();
-        for read in records.by_ref().take(BATCH) {
-            let (t_ns, record) = match read {
-                Ok(read) => read,
-                Err(error) => {
-                    batch.error = Some(error);
-                    break;
-                }
-            };
-            batch.records.push((t_ns, record.channel()));
-            extractor.each(&record, |slot, cell| {
-                let Cell::Number(number) = cell else { return batch.numbers.push(f64::NAN) };
-                batch.numbers.push(number);
-                if entries[slot].law.names
-                    && let Some(name) = names.learn(entries, slot, number, &record)
-                {
-                    batch.names.push((number.to_bits(), name.to_owned()));
-                }
-            });
-        }
-        let ends = batch.records.is_empty() || batch.error.is_some();
-        if sender.send(batch).is_err() || ends {
-            return;
-        }
-    }
-}
-
-/// How blocks are made.
+/// Where samples belong.
+#[derive(Clone, Copy)]
 struct Plan<'a> {
     map: &'a TimeMap,
     /// `None` where nothing is drawn.
     stretches: Option<Stretches>,
 }
 
-/// Makes blocks of two recordings, until both are at their end.
-fn make_blocks(
-    receivers: [Receiver<Batch>; 2],
-    plan: &Plan,
-    names: &mut Names,
-    mut take: impl FnMut(Block),
-) -> Result<(), RecordingError> {
-    let [a, b] = receivers;
-    let mut sources = [Ahead::new(a, 0, plan.map, names)?, Ahead::new(b, 1, plan.map, names)?];
-    let mut block = Block::new();
-    while let Some(side) = earlier(&sources) {
-        let Some(head) = sources[side].head.take() else { break };
-        let stretch = plan.stretches.zip(head.place).map_or(0, |(stretches, (t_ns, _))| stretches.find(t_ns));
-        let rows = &mut block.rows[head.channel as usize];
-        rows.places.push(Place { side, at: head.place, stretch });
-        rows.numbers.extend_from_slice(sources[side].numbers(head.channel));
-        sources[side].advance(&head, names)?;
-        block.records += 1;
-        if block.records == Block::RECORDS {
-            take(std::mem::replace(&mut block, Block::new()));
-        }
+/// Records of one recording in order of time, as numbers, by channel.
+struct Batch {
+    records: usize,
+    blocks: [Block; Channel::ALL.len()],
+    /// No record that follows is before this instant on A's clock, ns.
+    until_ns: i64,
+}
+
+impl Batch {
+    fn new() -> Self {
+        Self { records: 0, blocks: Channel::ALL.map(Block::new), until_ns: i64::MIN }
     }
-    take(block);
+
+    /// Empties the batch, for records that are not before an instant.
+    fn begin(&mut self, until_ns: i64) {
+        (self.records, self.until_ns) = (0, until_ns);
+        self.blocks.iter_mut().for_each(|block| block.places.clear());
+    }
+
+    fn push(&mut self, side: usize, plan: Plan, row: &Row) {
+        let place = plan.map.place(side, row.t_ns());
+        self.until_ns = place.map_or(self.until_ns, |(t_ns, _)| t_ns.max(self.until_ns));
+        let stretch = plan.stretches.zip(place).map_or(0, |(stretches, (t_ns, _))| stretches.find(t_ns));
+        let (t_ns, piece) = place.map_or((self.until_ns, None), |(t_ns, piece)| (t_ns, Some(piece)));
+        self.blocks[row.channel as usize].push(Place { t_ns, piece, stretch }, &row.numbers);
+        self.records += 1;
+    }
+}
+
+/// Sends the records of a recording in order of time until nobody wants them any more.
+fn read_ahead(
+    scan: &Scan,
+    side: usize,
+    channels: &[Channel],
+    plan: Plan,
+    (sender, used): (SyncSender<Batch>, Receiver<Batch>),
+) -> Result<(), RecordingError> {
+    let mut steps = Steps::new();
+    let mut batch = Batch::new();
+    scan.sorted(channels, |row| {
+        steps.set(row);
+        batch.push(side, plan, row);
+        if batch.records < Block::ROWS {
+            return ControlFlow::Continue(());
+        }
+        let mut next = used.try_recv().unwrap_or_else(|_| Batch::new());
+        next.begin(batch.until_ns);
+        match sender.send(std::mem::replace(&mut batch, next)) {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(_) => ControlFlow::Break(()),
+        }
+    })?;
+    // It fails only where nobody wants it any more.
+    let _ = sender.send(batch);
     Ok(())
 }
 
-/// The side whose next record comes first; `None` at the end of both.
-fn earlier(sources: &[Ahead<'_>; 2]) -> Option<usize> {
-    match (&sources[0].head, &sources[1].head) {
-        (Some(a), Some(b)) => Some(usize::from(b.due_ns < a.due_ns)),
-        (Some(_), None) => Some(0),
-        (None, Some(_)) => Some(1),
-        (None, None) => None,
-    }
-}
-
-/// A recording's records with their places on A's clock.
-struct Ahead<'a> {
-    receiver: Receiver<Batch>,
-    batch: Batch,
-    /// The record of the batch that comes next, and where its numbers begin.
-    next: usize,
-    numbers_from: usize,
-    side: usize,
-    map: &'a TimeMap,
-    head: Option<Head>,
-}
-
-/// The record that comes next.
-struct Head {
-    /// Its place, or that of the record before if it has none, ns.
-    due_ns: i64,
-    place: Option<(i64, u32)>,
-    channel: Channel,
-}
-
-impl<'a> Ahead<'a> {
-    fn new(
-        receiver: Receiver<Batch>,
-        side: usize,
-        map: &'a TimeMap,
-        names: &mut Names,
-    ) -> Result<Self, RecordingError> {
-        let mut ahead =
-            Self { receiver, batch: Batch::default(), next: 0, numbers_from: 0, side, map, head: None };
-        ahead.fetch(i64::MIN, names)?;
-        Ok(ahead)
-    }
-
-    /// The numbers of the next record, which is of this channel.
-    fn numbers(&self, channel: Channel) -> &[f64] {
-        &self.batch.numbers[self.numbers_from..][..channel.fields().len()]
-    }
-
-    /// Goes on to the record after `done`.
-    fn advance(&mut self, done: &Head, names: &mut Names) -> Result<(), RecordingError> {
-        self.next += 1;
-        self.numbers_from += done.channel.fields().len();
-        self.fetch(done.due_ns, names)
-    }
-
-    fn fetch(&mut self, before_ns: i64, names: &mut Names) -> Result<(), RecordingError> {
-        while self.next == self.batch.records.len() {
-            if let Some(error) = self.batch.error.take() {
-                return Err(error);
+/// Compares the batches of both recordings until they end, and gives them back to be filled again.
+fn compare_batches(ahead: &[(Receiver<Batch>, Sender<Batch>)], groups: &mut [Group<'_>]) {
+    // An ended recording is one of which there are no more batches.
+    let mut batches = [ahead[0].0.recv().ok(), ahead[1].0.recv().ok()];
+    let nothing = Batch::new();
+    let mut begins = [[0; Channel::ALL.len()]; 2];
+    let mut order = Vec::new();
+    loop {
+        // What comes first of both is done with first. Of equal instants A's come first.
+        let side = match &batches {
+            [Some(a), Some(b)] => usize::from(b.until_ns < a.until_ns),
+            [Some(_), None] => 0,
+            [None, Some(_)] => 1,
+            [None, None] => return,
+        };
+        let until_ns = batches[side].as_ref().map_or(i64::MAX, |batch| batch.until_ns);
+        let [a, b] = batches.each_ref().map(|batch| batch.as_ref().unwrap_or(&nothing));
+        for of_channel in groups.chunk_by_mut(|one, next| one.channel == next.channel) {
+            let channel = of_channel[0].channel as usize;
+            let blocks = [&a.blocks[channel], &b.blocks[channel]];
+            let is_due =
+                |of: usize, t_ns: i64| of == side || t_ns < until_ns || (of == 0 && t_ns == until_ns);
+            let rows = [0, 1].map(|of| {
+                let begin = begins[of][channel];
+                let rest = &blocks[of].places[begin..];
+                begin..begin + rest.iter().take_while(|place| is_due(of, place.t_ns)).count()
+            });
+            put_in_order(blocks, &rows, &mut order);
+            for group in of_channel {
+                group.take(blocks, &rows, &order);
             }
-            // Nobody sends any more: this is the end.
-            let Ok(batch) = self.receiver.recv() else { return Ok(()) };
-            (self.batch, self.next, self.numbers_from) = (batch, 0, 0);
-            names.add(std::mem::take(&mut self.batch.names));
+            for of in 0..2 {
+                begins[of][channel] = rows[of].end;
+            }
         }
-        let (t_ns, channel) = self.batch.records[self.next];
-        let place = self.map.place(self.side, t_ns);
-        self.head = Some(Head { due_ns: place.map_or(before_ns, |(t_ns, _)| t_ns), place, channel });
-        Ok(())
+        let (receiver, used) = &ahead[side];
+        if let Some(done) = std::mem::replace(&mut batches[side], receiver.recv().ok()) {
+            // It fails only where all was read, and no batch is needed any more.
+            let _ = used.send(done);
+        }
+        begins[side] = Default::default();
     }
+}
+
+/// The sides from which the rows of both come in order of time.
+fn put_in_order(blocks: [&Block; 2], rows: &[Range<usize>; 2], order: &mut Vec<usize>) {
+    let [a, b] = [0, 1].map(|side| &blocks[side].places[rows[side].clone()]);
+    order.clear();
+    let mut b = b.iter().peekable();
+    for place in a {
+        while b.next_if(|other| other.t_ns < place.t_ns).is_some() {
+            order.push(1);
+        }
+        order.push(0);
+    }
+    order.extend(b.map(|_| 1));
 }

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Channel, Field, Kind, Record, Value};
-use bench_device::TrackStatus;
+use crate::{Channel, Field, Kind};
 
 /// What a field's value is taken to be between two of its samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +74,12 @@ pub(super) fn slots() -> [usize; Channel::ALL.len()] {
     })
 }
 
+/// A field's place in the catalogue and among its channel's fields, by its path.
+pub(super) fn find(entries: &[Entry], path: &str) -> (usize, usize) {
+    let slot = entries.iter().position(|entry| entry.path == path).expect("a field");
+    (slot, slot - slots()[entries[slot].channel as usize])
+}
+
 fn law(channel: Channel, field: &Field, own_time: bool) -> Law {
     let event = channel == Channel::Event;
     let held = field.kind != Kind::Float
@@ -101,73 +106,6 @@ fn law(channel: Channel, field: &Field, own_time: bool) -> Law {
     }
 }
 
-/// Numbers beyond this are taken as damage: their squares would not be finite.
-const LARGEST: f64 = 1e100;
-
-/// What became of one value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Cell {
-    Missing,
-    /// Not a finite number, or an absurd one.
-    Unusable,
-    Number(f64),
-}
-
-/// Turns records into numbers, field by field.
-pub(super) struct Extractor {
-    measures: Vec<Measure>,
-    slots: [usize; Channel::ALL.len()],
-    previous: Vec<Option<i128>>,
-}
-
-impl Extractor {
-    pub fn new() -> Self {
-        let entries = catalogue();
-        Self {
-            measures: entries.iter().map(|entry| entry.law.measure).collect(),
-            slots: slots(),
-            previous: vec![None; entries.len()],
-        }
-    }
-
-    /// Gives slot and cell of each field of the record.
-    pub fn each(&mut self, record: &Record, mut take: impl FnMut(usize, Cell)) {
-        let first = self.slots[record.channel() as usize];
-        let lost = matches!(record, Record::Position(position) if position.status == TrackStatus::Lost);
-        for (slot, value) in (first..).zip(record.values()) {
-            let cell = match value {
-                Value::Float(_) if lost => Cell::Missing,
-                Value::Float(x) if x.abs() <= LARGEST => Cell::Number(x),
-                Value::Float(_) => Cell::Unusable,
-                other => self.cell(slot, other, record),
-            };
-            take(slot, cell);
-        }
-    }
-
-    /// The cell of a value that is no real number.
-    fn cell(&mut self, slot: usize, value: Value, record: &Record) -> Cell {
-        match (self.measures[slot], value) {
-            (Measure::Age, Value::Time(time)) => Cell::Number(time.since_s(record.time())),
-            (Measure::Increment, Value::Time(time)) => {
-                self.increment(slot, time.nanos().into()).map_or(Cell::Missing, |ns| Cell::Number(ns * 1e-9))
-            }
-            (Measure::Increment, Value::Integer(count)) => {
-                self.increment(slot, count.into()).map_or(Cell::Missing, Cell::Number)
-            }
-            (_, Value::Missing | Value::Float(_)) => Cell::Missing,
-            (_, Value::Integer(count)) => Cell::Number(count as f64),
-            (_, Value::Bool(flag)) => Cell::Number(f64::from(u8::from(flag))),
-            (_, Value::Text(text)) => Cell::Number(name_number(text)),
-            (_, Value::Time(time)) => Cell::Number(time.seconds()),
-        }
-    }
-
-    fn increment(&mut self, slot: usize, now: i128) -> Option<f64> {
-        self.previous[slot].replace(now).map(|before| (now - before) as f64)
-    }
-}
-
 /// A number for a text: equal texts have equal ones. FNV-1a, cut to the 53 bits that a real number holds exactly.
 pub(super) fn name_number(text: &str) -> f64 {
     let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
@@ -180,4 +118,9 @@ pub(super) fn name_number(text: &str) -> f64 {
 pub(super) fn wrapped(angle_rad: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - TAU * (angle_rad / TAU).round() }
+}
+
+/// `to` less `from`.
+pub(super) fn difference(law: Law, from: f64, to: f64) -> f64 {
+    if law.wraps { wrapped(to - from) } else { to - from }
 }

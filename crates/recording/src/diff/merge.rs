@@ -6,11 +6,15 @@
 use std::ops::Range;
 
 use super::{
-    law::{Interpolation, Law, wrapped},
+    judge::{Counterparts, FieldMerge, Taken},
+    law::{Interpolation, Law},
     names::Names,
     report::{Tolerance, Trace},
-    series::{Series, Shift, best_shift},
-    trace::{TraceBuilder, TraceTimes},
+    rows::is_usable,
+    series::{Bins, Shift},
+    tally::Tally,
+    trace::{DIFFERENCE, TraceTimes},
+    track::{Counterpart, Cursors, Instant, Track},
 };
 use crate::Channel;
 
@@ -50,309 +54,47 @@ pub(super) struct Outcome {
     pub trace: Option<Trace>,
 }
 
-/// Sums over the samples compared. Differences are B less A.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Tally {
-    /// Samples with a difference; those of events without a counterpart have none.
-    pub count: u64,
-    pub sum: f64,
-    pub squares: f64,
-    pub largest: f64,
-    pub largest_ns: i64,
-    /// What remains after the time tolerance: largest, and sum of squares.
-    pub largest_off: f64,
-    off_squares: f64,
-    pub beyond: u64,
-    pub first_ns: Option<i64>,
-    /// Values at the first sample beyond, A's and B's.
-    first: [Option<f64>; 2],
-    pub first_over_rms_ns: Option<i64>,
-    /// Largest difference (after the time tolerance) over its tolerance; infinite where the tolerance is 0.
-    pub worst: f64,
-}
-
-impl Tally {
-    pub fn rms(&self) -> f64 {
-        (self.squares / self.count.max(1) as f64).sqrt()
-    }
-
-    /// Root of the mean square of what remains after the time tolerance.
-    pub fn rms_off(&self) -> f64 {
-        (self.off_squares / self.count.max(1) as f64).sqrt()
-    }
-
-    pub fn mean(&self) -> f64 {
-        self.sum / self.count.max(1) as f64
-    }
-}
-
-/// 128 bits that are equal for equal series, and for others by a chance that is nothing. Two multiplicative hashes with odd
-/// factors (Knuth, The Art of Computer Programming, vol. 3, 6.4), as a sample must cost little.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Digest(u64, u64);
-
-impl Digest {
-    fn add(&mut self, bits: u64) {
-        self.0 = (self.0.rotate_left(29) ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.1 = (self.1.rotate_left(23) ^ bits).wrapping_mul(0xd6e8_feb8_6659_fd93);
-    }
-}
-/// When a sample was, on A's clock.
-#[derive(Clone, Copy, Debug)]
-struct Instant {
-    t_ns: i64,
-    /// Samples of different pieces have nothing between them.
-    piece: u32,
-    /// Where it is drawn.
-    stretch: u32,
-}
-
-/// The instants at which one recording has samples of a group.
-struct Track {
-    /// In order of time. Those before `kept_from` are not needed any more.
-    window: Vec<Instant>,
-    kept_from: usize,
-    /// The first one that has not been compared.
-    judged: usize,
-    gap_ns: i64,
-    count: u64,
-    compared: u64,
-    /// Samples without a counterpart on the other clock, or out of order beyond repair.
-    left_out: u64,
-    digest: Digest,
-    last_ns: i64,
-}
-
-/// Where instants lie among the samples of the other recording: the first sample behind each. Instants are looked up in order of
-/// time, so that each look-up goes on from the one before.
-#[derive(Clone, Copy, Debug, Default)]
-struct Cursors {
-    instant: usize,
-    /// At the beginning and at the end of the time tolerance around it.
-    ends: [usize; 2],
-    /// The first sample within the time tolerance.
-    first: usize,
-}
-
-impl Cursors {
-    fn shift(&mut self, by: usize) {
-        for cursor in [&mut self.instant, &mut self.first].into_iter().chain(&mut self.ends) {
-            *cursor = cursor.saturating_sub(by);
-        }
-    }
-}
-
-/// A place in a window at which there is a value.
-#[derive(Clone, Copy, Debug)]
-enum Spot {
-    /// That of a sample.
-    At(usize),
-    /// On the line from a sample to the next one, by a share of it.
-    Between(usize, f64),
-}
-
-impl Spot {
-    fn value(self, law: Law, values: &[f64]) -> f64 {
-        match self {
-            Self::At(sample) => values[sample],
-            Self::Between(before, share) => {
-                let (before, next) = (values[before], values[before + 1]);
-                before + difference(law, before, next) * share
-            }
-        }
-    }
-}
-
-/// What lies within the time tolerance of a sample: where the tolerance begins and ends, and the other recording's samples between.
-struct Around {
-    ends: [Option<Spot>; 2],
-    between: Range<usize>,
-}
-
-impl Around {
-    fn is_empty(&self) -> bool {
-        self.ends.iter().all(Option::is_none) && self.between.is_empty()
-    }
-}
-
-/// A sample and where the other recording's values that it is compared with are.
-struct Counterpart {
-    side: usize,
-    sample: usize,
-    at: Instant,
-    instant: Option<Spot>,
-}
-
-/// Room is made at a window's front once so many samples of it are not needed any more.
-const SPARE_MAX: usize = 1024;
-
-impl Track {
-    fn new(gap_ns: i64) -> Self {
-        Self {
-            window: Vec::new(),
-            kept_from: 0,
-            judged: 0,
-            gap_ns,
-            count: 0,
-            compared: 0,
-            left_out: 0,
-            digest: Digest::default(),
-            last_ns: i64::MIN,
-        }
-    }
-
-    fn push(&mut self, instant: Instant) -> bool {
-        if instant.t_ns < self.last_ns {
-            self.left_out += 1;
-            return false;
-        }
-        self.last_ns = instant.t_ns;
-        self.count += 1;
-        self.digest.add(instant.t_ns.cast_unsigned());
-        self.window.push(instant);
-        true
-    }
-
-    /// Moves a cursor on to the first sample that is not `before`.
-    fn seek(&self, cursor: &mut usize, before: impl Fn(i64) -> bool) -> usize {
-        *cursor = (*cursor).max(self.kept_from);
-        while self.window.get(*cursor).is_some_and(|sample| before(sample.t_ns)) {
-            *cursor += 1;
-        }
-        *cursor
-    }
-
-    /// Where the value at an instant is.
-    fn at(&self, cursor: &mut usize, interpolation: Interpolation, t_ns: i64, piece: u32) -> Option<Spot> {
-        let after = self.seek(cursor, |other_ns| other_ns <= t_ns);
-        let place = after.checked_sub(1).filter(|before| *before >= self.kept_from)?;
-        let before = self.window.get(place).filter(|sample| sample.piece == piece)?;
-        let since_ns = t_ns.saturating_sub(before.t_ns);
-        if since_ns == 0 {
-            return Some(Spot::At(place));
-        }
-        match interpolation {
-            Interpolation::None => None,
-            Interpolation::Hold => (since_ns <= self.gap_ns).then_some(Spot::At(place)),
-            Interpolation::Linear => {
-                let next = self.window.get(after).filter(|sample| sample.piece == piece)?;
-                let interval_ns = next.t_ns.saturating_sub(before.t_ns);
-                (interval_ns <= self.gap_ns)
-                    .then(|| Spot::Between(place, since_ns as f64 / interval_ns as f64))
-            }
-        }
-    }
-
-    /// Where the values within a time of a sample are: at the ends of that time, where there is a value, and all samples between
-    /// them, those beyond a seam as well. What follows from a new phase, such as thrust, follows a little later in real time than in
-    /// a simulation.
-    fn around(
-        &self,
-        cursors: &mut Cursors,
-        interpolation: Interpolation,
-        sample: Instant,
-        within_ns: i64,
-    ) -> Around {
-        let (from_ns, until_ns) =
-            (sample.t_ns.saturating_sub(within_ns), sample.t_ns.saturating_add(within_ns));
-        let [begin, end] = &mut cursors.ends;
-        let ends = [
-            self.at(begin, interpolation, from_ns, sample.piece),
-            self.at(end, interpolation, until_ns, sample.piece),
-        ];
-        let first = self.seek(&mut cursors.first, |other_ns| other_ns < from_ns);
-        let between = self.window[first..].iter().take_while(|other| other.t_ns <= until_ns).count();
-        Around { ends, between: first..first + between }
-    }
-
-    /// Marks what was compared and lies before an instant as not needed.
-    fn release(&mut self, before_ns: i64) {
-        while self.kept_from < self.judged && self.window[self.kept_from].t_ns < before_ns {
-            self.kept_from += 1;
-        }
-    }
-
-    /// Forgets what is not needed; by how many samples all of the others' places are less from now on.
-    fn prune(&mut self) -> usize {
-        if self.kept_from < SPARE_MAX {
-            return 0;
-        }
-        self.window.drain(..self.kept_from);
-        self.judged -= self.kept_from;
-        std::mem::take(&mut self.kept_from)
-    }
-}
-
-/// `to` less `from`.
-fn difference(law: Law, from: f64, to: f64) -> f64 {
-    if law.wraps { wrapped(to - from) } else { to - from }
-}
-
-/// What the other recording has for a sample.
-struct Match {
-    /// Its difference at the same instant, or the least one within the time tolerance.
-    now: f64,
-    /// How far it stays off within the time tolerance, 0 or more.
-    off: f64,
-}
-
-/// `None` where the other recording has nothing.
-fn match_sample(
-    law: Law,
-    value: f64,
-    others: &[f64],
-    instant: Option<Spot>,
-    around: Option<&Around>,
-) -> Option<Match> {
-    let off = |spot: Spot| difference(law, value, spot.value(law, others));
-    let instant = instant.map(off);
-    let Some(around) = around else {
-        return instant.map(|now| Match { now, off: now.abs() });
-    };
-    let ends = around.ends.into_iter().flatten().map(off);
-    let between = others[around.between.clone()].iter().map(|other| difference(law, value, *other));
-    let (mut low, mut high, mut least) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY);
-    for x in ends.chain(between).chain(instant) {
-        low = low.min(x);
-        high = high.max(x);
-        if x.abs() < least.abs() {
-            least = x;
-        }
-    }
-    if !least.is_finite() {
-        return None;
-    }
-    // A line between two values passes all that lie between them, unless they are angles half a turn apart.
-    let passed = law.interpolation == Interpolation::Linear
-        && low <= 0.0
-        && high >= 0.0
-        && !(law.wraps && high - low > std::f64::consts::PI);
-    Some(Match { now: instant.unwrap_or(least), off: if passed { 0.0 } else { least.abs() } })
-}
-
 /// Where a record's sample belongs.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    pub side: usize,
-    /// Instant on A's clock, ns, and piece; `None` where the other recording has no such instant.
-    pub at: Option<(i64, u32)>,
+    /// Instant on A's clock, ns; that of a record before where the other recording has no such instant.
+    pub t_ns: i64,
+    /// `None` where the other recording has no such instant.
+    pub piece: Option<u32>,
     /// The stretch of the traces that it lies in.
     pub stretch: u32,
 }
 
-/// Records of one channel, of both recordings in one order of time.
-#[derive(Default)]
-pub(super) struct Rows {
+/// Records of one channel and recording, in order of time.
+pub(super) struct Block {
     pub places: Vec<Place>,
-    /// All fields of a record, one record after another; not a number where there is none.
-    pub numbers: Vec<f64>,
+    /// Column by column; not a number where there is none.
+    numbers: Vec<f64>,
+    width: usize,
 }
 
-/// A row that counts.
-struct Taken {
-    side: usize,
-    row: usize,
-    instant: Instant,
+impl Block {
+    /// Most records of a block.
+    pub const ROWS: usize = 512;
+    /// From one column to the next: cache lines of all columns are to lie in sets of their own.
+    const STRIDE: usize = Self::ROWS + 8;
+
+    pub fn new(channel: Channel) -> Self {
+        Self { places: Vec::new(), numbers: Vec::new(), width: channel.fields().len() }
+    }
+
+    pub fn push(&mut self, place: Place, numbers: &[f64]) {
+        self.numbers.resize(self.width * Self::STRIDE, 0.0);
+        let row = self.places.len();
+        for (column, number) in self.numbers.chunks_exact_mut(Self::STRIDE).zip(numbers) {
+            column[row] = if is_usable(*number) { *number } else { f64::NAN };
+        }
+        self.places.push(place);
+    }
+
+    fn column(&self, column: usize) -> &[f64] {
+        if self.places.is_empty() { &[] } else { &self.numbers[column * Self::STRIDE..][..self.places.len()] }
+    }
 }
 
 /// Fields of a channel that have their samples at the same instants and are looked up in the same way: where an instant lies in
@@ -370,11 +112,12 @@ pub(super) struct Group<'a> {
     cursors: [Cursors; 2],
     /// Samples since some were last compared.
     unsettled: usize,
-    taken: Vec<Taken>,
-    counterparts: Vec<Counterpart>,
-    /// One a counterpart; none without a time tolerance.
-    arounds: Vec<Around>,
+    /// By side, the bins of the decimated series.
+    bins: [Bins; 2],
     times: Option<TraceTimes>,
+    counterparts: Counterparts,
+    /// The number of samples that were held against those of the same number in the other recording, while all were the same.
+    seen_same: u64,
     fields: Vec<FieldMerge>,
 }
 
@@ -401,9 +144,9 @@ impl<'a> Group<'a> {
             tracks: setup.gaps_ns.map(Track::new),
             cursors: [Cursors::default(); 2],
             unsettled: 0,
-            taken: Vec::new(),
-            counterparts: Vec::new(),
-            arounds: Vec::new(),
+            bins: [Bins::new(), Bins::new()],
+            counterparts: Counterparts::default(),
+            seen_same: 0,
             times: axis.map(|axis| TraceTimes::new(axis, setup.gaps_ns[0].max(setup.gaps_ns[1]))),
             fields: vec![FieldMerge::new(column, slot, setup, axis)],
         }
@@ -420,33 +163,35 @@ impl<'a> Group<'a> {
         is_alike
     }
 
-    pub fn slots(&self) -> impl Iterator<Item = usize> {
-        self.fields.iter().map(|field| field.slot)
-    }
-
     /// How far from a sample the other recording's samples matter, ns.
     fn reach_ns(&self) -> i64 {
         self.within_ns + self.tracks[0].gap_ns.max(self.tracks[1].gap_ns)
     }
 
-    /// Takes the channel's next records.
-    pub fn take(&mut self, rows: &Rows) {
-        let width = self.channel.fields().len();
-        for (row, (place, numbers)) in rows.places.iter().zip(rows.numbers.chunks_exact(width)).enumerate() {
-            if self.fields.iter().any(|field| numbers[field.column].is_nan()) {
+    /// Takes the channel's next records: these rows of each side's block, which come in this order of sides.
+    pub fn take(&mut self, blocks: [&Block; 2], rows: &[Range<usize>; 2], order: &[usize]) {
+        // Fields of a group have samples in the same rows.
+        let columns = blocks.map(|block| block.column(self.fields[0].column));
+        let mut next = [rows[0].start, rows[1].start];
+        let mut taken = [Taken::default(), Taken::default()];
+        for &side in order {
+            let row = next[side];
+            next[side] += 1;
+            let Place { t_ns, piece, stretch } = blocks[side].places[row];
+            if columns[side][row].is_nan() {
                 continue;
             }
-            let Some((t_ns, piece)) = place.at else {
-                self.tracks[place.side].left_out += 1;
+            let Some(piece) = piece else {
+                self.tracks[side].left_out += 1;
                 continue;
             };
-            let instant = Instant { t_ns, piece, stretch: place.stretch };
-            if !self.tracks[place.side].push(instant) {
+            if !self.tracks[side].push(Instant { t_ns, piece, stretch }) {
                 continue;
             }
-            self.taken.push(Taken { side: place.side, row, instant });
+            taken[side].push(row, stretch);
+            self.bins[side].push(t_ns);
             if let Some(times) = &mut self.times {
-                times.value(place.side, place.stretch, t_ns);
+                times.add(side, stretch, t_ns);
             }
             // Both recordings come in one order of time, so all that is older than this has come.
             self.unsettled += 1;
@@ -455,11 +200,13 @@ impl<'a> Group<'a> {
                 self.settle(t_ns.saturating_sub(self.reach_ns()));
             }
         }
-        for field in &mut self.fields {
-            let column = field.column;
-            field.add(&self.taken, |row| rows.numbers[row * width + column]);
+        for side in 0..2 {
+            for field in &mut self.fields {
+                field.add(side, &taken[side], blocks[side].column(field.column), &self.bins[side]);
+            }
+            self.bins[side].settle();
         }
-        self.taken.clear();
+        self.see_same();
         self.compare();
         for side in 0..2 {
             let spare = self.tracks[side].prune();
@@ -470,6 +217,26 @@ impl<'a> Group<'a> {
                 }
             }
         }
+    }
+
+    /// Goes on looking whether each sample of a recording has an equal one in the other at an equal time.
+    fn see_same(&mut self) {
+        let [a, b] = &self.tracks;
+        let until = a.count.min(b.count);
+        if self.seen_same == until || !self.fields.iter().any(|field| field.same) {
+            return;
+        }
+        let samples = (until - self.seen_same) as usize;
+        let window = |track: &Track| track.place(self.seen_same).map(|from| from..from + samples);
+        let times = |track: &Track, range: &Range<usize>| -> Vec<i64> {
+            track.window[range.clone()].iter().map(|instant| instant.t_ns).collect()
+        };
+        // Samples that are gone before the other recording's came were at another time.
+        let windows = window(a).zip(window(b)).filter(|(in_a, in_b)| times(a, in_a) == times(b, in_b));
+        for field in &mut self.fields {
+            field.same &= windows.as_ref().is_some_and(|(in_a, in_b)| field.is_same(in_a, in_b));
+        }
+        self.seen_same = until;
     }
 
     /// Finds the counterparts of all samples before an instant.
@@ -508,10 +275,10 @@ impl<'a> Group<'a> {
             && (self.shared_ns.0..=self.shared_ns.1).contains(&at.t_ns);
         if found || expected {
             self.tracks[side].compared += 1;
-            self.counterparts.push(Counterpart { side, sample, at, instant });
-            self.arounds.extend(around);
+            self.counterparts.push(Counterpart { side, sample, at, instant }, around);
             if let Some(times) = &mut self.times {
-                times.difference(at.stretch, at.t_ns);
+                self.counterparts.runs.push(at.stretch);
+                times.add(DIFFERENCE, at.stretch, at.t_ns);
             }
         }
     }
@@ -519,142 +286,20 @@ impl<'a> Group<'a> {
     /// Compares the samples whose counterparts were found.
     fn compare(&mut self) {
         for field in &mut self.fields {
-            for (place, counterpart) in self.counterparts.iter().enumerate() {
-                field.judge(counterpart, self.arounds.get(place));
-            }
+            field.compare(&self.counterparts);
         }
-        self.arounds.clear();
         self.counterparts.clear();
     }
 
     /// What came out, by slot of the catalogue.
-    pub fn finish(mut self, names: &Names) -> impl Iterator<Item = (usize, Outcome)> {
+    pub fn finish(mut self, names: [&Names; 2]) -> impl Iterator<Item = (usize, Outcome)> {
         self.settle(i64::MAX);
         self.compare();
-        let (times, [a, b]) = (self.times, self.tracks);
-        let same = a.count == b.count && a.left_out + b.left_out == 0 && a.digest == b.digest;
+        let Self { tracks: [a, b], bins, times, fields, .. } = self;
+        let same = a.count == b.count && a.left_out + b.left_out == 0;
         let compared = [a.compared, b.compared];
-        self.fields
+        fields
             .into_iter()
-            .map(move |field| (field.slot, field.finish(compared, same, times.as_ref(), names)))
-    }
-}
-
-/// One field of both recordings.
-struct FieldMerge {
-    column: usize,
-    slot: usize,
-    setup: Setup,
-    /// By side, beside the instants of the group's tracks.
-    values: [Vec<f64>; 2],
-    digests: [Digest; 2],
-    tally: Tally,
-    series: Option<[Series; 2]>,
-    trace: Option<TraceBuilder>,
-}
-
-impl FieldMerge {
-    fn new(column: usize, slot: usize, setup: Setup, axis: Option<Axis>) -> Self {
-        let draws = !setup.law.names && setup.law.interpolation != Interpolation::None;
-        Self {
-            column,
-            slot,
-            values: [Vec::new(), Vec::new()],
-            digests: [Digest::default(); 2],
-            tally: Tally::default(),
-            series: (setup.lag && !setup.law.exact && !setup.law.wraps)
-                .then(|| [Series::new(), Series::new()]),
-            trace: axis.filter(|_| draws).map(TraceBuilder::new),
-            setup,
-        }
-    }
-
-    fn add(&mut self, taken: &[Taken], number: impl Fn(usize) -> f64) {
-        for &Taken { side, row, instant } in taken {
-            let value = number(row);
-            self.values[side].push(value);
-            self.digests[side].add(value.to_bits());
-            if let Some(series) = &mut self.series {
-                series[side].push(instant.t_ns, value);
-            }
-            if let Some(trace) = &mut self.trace {
-                trace.value(side, instant.stretch, value);
-            }
-        }
-    }
-
-    fn judge(&mut self, counterpart: &Counterpart, around: Option<&Around>) {
-        let Setup { law, tolerance, .. } = self.setup;
-        let &Counterpart { side, sample, at, instant } = counterpart;
-        let value = self.values[side][sample];
-        let Some(found) = match_sample(law, value, &self.values[1 - side], instant, around) else {
-            self.tally.beyond(at.t_ns, side, value, None);
-            return;
-        };
-        let there = value + found.now;
-        if !law.names {
-            let b_less_a = if side == 0 { found.now } else { -found.now };
-            self.tally.add(at.t_ns, b_less_a, found.off, tolerance.rms);
-            if let Some(trace) = &mut self.trace {
-                trace.difference(at.stretch, b_less_a);
-            }
-        }
-        let allowed = tolerance.absolute.max(tolerance.relative * value.abs().max(there.abs()));
-        // Most samples are so clearly not the worst one that the division is not worth it.
-        let is_clearly_less = found.off < 0.999 * self.tally.worst * allowed;
-        if !law.exact && found.off > 0.0 && !is_clearly_less {
-            self.tally.worst = self.tally.worst.max(found.off / allowed);
-        }
-        if found.off > allowed {
-            self.tally.beyond(at.t_ns, side, value, Some(there));
-        }
-    }
-
-    /// `compared`, `same_instants` and `times` are those of the group.
-    fn finish(
-        self,
-        compared: [u64; 2],
-        same_instants: bool,
-        times: Option<&TraceTimes>,
-        names: &Names,
-    ) -> Outcome {
-        let same = same_instants && self.digests[0] == self.digests[1];
-        let differs = self.tally.largest > 0.0;
-        let shift = self.series.as_ref().filter(|_| differs).and_then(|[a, b]| best_shift(a, b));
-        let first = self.tally.first_ns.filter(|_| self.setup.law.names);
-        Outcome {
-            compared,
-            same,
-            names: first.map(|_| self.tally.first.map(|name| names.get(name))),
-            tally: self.tally,
-            shift,
-            trace: self.trace.zip(times).map(|(trace, times)| trace.finish(times, same)),
-        }
-    }
-}
-
-impl Tally {
-    fn add(&mut self, t_ns: i64, b_less_a: f64, off: f64, rms_limit: Option<f64>) {
-        let size = b_less_a.abs();
-        self.count += 1;
-        self.sum += b_less_a;
-        self.squares += size * size;
-        self.off_squares += off * off;
-        self.largest_off = self.largest_off.max(off);
-        if size > self.largest {
-            (self.largest, self.largest_ns) = (size, t_ns);
-        }
-        if rms_limit.is_some_and(|limit| off > limit) {
-            // Samples of A and B are compared in turns, each in order.
-            self.first_over_rms_ns = Some(self.first_over_rms_ns.map_or(t_ns, |first| first.min(t_ns)));
-        }
-    }
-
-    fn beyond(&mut self, t_ns: i64, side: usize, value: f64, there: Option<f64>) {
-        self.beyond += 1;
-        if self.first_ns.is_none_or(|first| t_ns < first) {
-            self.first_ns = Some(t_ns);
-            self.first = if side == 0 { [Some(value), there] } else { [there, Some(value)] };
-        }
+            .map(move |field| (field.slot, field.finish(compared, same, &bins, times.as_ref(), names)))
     }
 }

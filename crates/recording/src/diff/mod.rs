@@ -15,6 +15,7 @@ mod compare;
 mod derived;
 mod error;
 mod html;
+mod judge;
 mod keys;
 mod law;
 mod merge;
@@ -22,12 +23,17 @@ mod names;
 mod pair;
 mod plots;
 mod report;
+mod rows;
 mod scan;
 mod series;
+mod sorter;
+mod tally;
 mod text;
 mod tolerance;
 mod trace;
+mod track;
 mod verdict;
+mod wire;
 
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,7 @@
 //! Names by the numbers that stand for them.
 
-use std::collections::{BTreeMap, btree_map};
+use std::collections::BTreeMap;
 
-use super::law::Entry;
 use crate::{Record, Value};
 
 /// Most names that are kept for messages.
@@ -10,37 +9,22 @@ const NAMES_MAX: usize = 1000;
 
 /// Names by the numbers that stand for them.
 #[derive(Default)]
-pub(super) struct Names {
-    names: BTreeMap<u64, String>,
-    /// By slot, the number that was learnt last: names come many times in a row.
-    last: Vec<u64>,
-}
+pub(super) struct Names(BTreeMap<u64, String>);
 
 impl Names {
-    /// Takes note of a name; gives it if it is a new one.
-    pub fn learn(&mut self, entries: &[Entry], slot: usize, number: f64, record: &Record) -> Option<&str> {
-        let number = number.to_bits();
-        self.last.resize(entries.len(), u64::MAX);
-        if std::mem::replace(&mut self.last[slot], number) == number || self.names.len() >= NAMES_MAX {
-            return None;
-        }
-        let Value::Text(text) = entries[slot].field.value(record) else { return None };
-        match self.names.entry(number) {
-            btree_map::Entry::Vacant(place) => Some(place.insert(text.to_owned())),
-            btree_map::Entry::Occupied(_) => None,
-        }
-    }
-
-    pub fn add(&mut self, names: Vec<(u64, String)>) {
-        for (number, name) in names {
-            if self.names.len() < NAMES_MAX {
-                self.names.entry(number).or_insert(name);
+    /// Takes note of a record's names, for which these numbers stand.
+    pub fn learn(&mut self, record: &Record, numbers: &[f64]) {
+        for (value, number) in record.values().into_iter().zip(numbers) {
+            if let Value::Text(text) = value
+                && self.0.len() < NAMES_MAX
+            {
+                self.0.entry(number.to_bits()).or_insert_with(|| text.to_owned());
             }
         }
     }
 
-    pub fn get(&self, name: Option<f64>) -> String {
-        let Some(name) = name else { return "nothing".to_owned() };
-        self.names.get(&name.to_bits()).cloned().unwrap_or_else(|| "another text".to_owned())
+    /// The name that a number stands for.
+    pub fn get(&self, number: f64) -> Option<&str> {
+        self.0.get(&number.to_bits()).map(String::as_str)
     }
 }

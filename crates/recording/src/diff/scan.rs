@@ -1,13 +1,15 @@
 //! The first pass: what each field has, the phases, and the signals that clocks can be aligned by.
 
-use std::{collections::BinaryHeap, path::Path};
+use std::{ops::ControlFlow, path::Path};
 
-use bench_device::{Time, TrackStatus};
 use bench_rig::{Phase, Rig};
 
 use super::{
-    law::{Cell, Entry, Extractor, catalogue},
+    law::{catalogue, find, name_number},
+    names::Names,
+    rows::{Cell, Row, RowReader, Steps, is_usable},
     series::Series,
+    sorter::Sorter,
 };
 use crate::{Channel, Field, Mode, Record, Recording, RecordingError, Session};
 
@@ -15,11 +17,6 @@ use crate::{Channel, Field, Mode, Record, Recording, RecordingError, Session};
 const PHASES_MAX: usize = 1000;
 /// The longest disorder of a file that is put right on reading, ns.
 const DISORDER_MAX_NS: i64 = 2_000_000_000;
-
-/// Nanoseconds since the origin, signed; instants that do not fit (292 years on) are cut.
-pub(super) fn nanos(time: Time) -> i64 {
-    i64::try_from(time.nanos()).unwrap_or(i64::MAX)
-}
 
 /// The samples of one field.
 #[derive(Clone, Debug, Default)]
@@ -129,18 +126,6 @@ impl Signal {
             Self::TrueAltitude => "/plant/truth/position_m.z",
         }
     }
-
-    fn value(self, record: &Record) -> Option<f64> {
-        let value = match (self, record) {
-            (Self::Throttle, Record::Command(command)) => command.sticks.throttle,
-            (Self::TrackedAltitude, Record::Position(position)) if position.status != TrackStatus::Lost => {
-                position.position_m[2]
-            }
-            (Self::TrueAltitude, Record::Truth(truth)) => truth.position_m[2],
-            _ => return None,
-        };
-        value.is_finite().then_some(value)
-    }
 }
 
 /// Where records come from, as often as wanted.
@@ -169,20 +154,33 @@ impl Source {
         }
     }
 
-    fn records(&self, channels: &[Channel]) -> Result<Box<Records<'_>>, RecordingError> {
-        Ok(match self {
-            Self::File(recording) => Box::new(recording.records_of(channels)?),
-            Self::Memory(_, records) => {
-                let channels = channels.to_vec();
-                let wanted = move |record: &&Record| channels.contains(&record.channel());
-                Box::new(records.iter().filter(wanted).copied().map(Ok))
+    /// Gives the rows of some channels' records in the order of the file, until `take` wants no more.
+    pub fn rows(
+        &self,
+        channels: &[Channel],
+        reader: &mut RowReader,
+        mut take: impl FnMut(&mut Row) -> ControlFlow<()>,
+    ) -> Result<(), RecordingError> {
+        match self {
+            Self::File(recording) => {
+                let (mut messages, decoder) = (recording.messages_of(channels)?, recording.decoder());
+                while let Some(message) = messages.next()? {
+                    if take(reader.message(message, &decoder)?).is_break() {
+                        break;
+                    }
+                }
             }
-        })
+            Self::Memory(_, records) => {
+                for record in records.iter().filter(|record| channels.contains(&record.channel())) {
+                    if take(reader.record(record)).is_break() {
+                        break;
+                    }
+                }
+            }
+        }
+        Ok(())
     }
 }
-
-/// Records as they are read.
-type Records<'a> = dyn Iterator<Item = Result<Record, RecordingError>> + 'a;
 
 /// A stretch of a flight whose start is known in every recording of the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -224,6 +222,7 @@ pub(super) struct Scan {
     disorder_ns: i64,
     /// The unit of the sticks; `None` where no rig is attached that says so.
     pub actuation: Option<&'static str>,
+    pub names: Names,
 }
 
 impl Scan {
@@ -245,50 +244,55 @@ impl Scan {
             last_ns: i64::MIN,
             disorder_ns: 0,
             actuation: rig.and_then(Result::ok).map(|rig| rig.airframe.actuation.unit()),
+            names: Names::default(),
             source: Source::memory(Session::new(Mode::Sim), Vec::new()),
         };
-        let mut census = Census::new();
-        for record in source.records(&Channel::ALL)? {
-            let record = record?;
-            census.take(&record);
-            scan.take(&record);
-        }
+        let places = Places::new();
+        let (mut reader, mut steps, mut census) = (RowReader::new(), Steps::new(), Census::default());
+        source.rows(&Channel::ALL, &mut reader, |row| {
+            steps.set(row);
+            census.take(row);
+            scan.take(row, &places);
+            ControlFlow::Continue(())
+        })?;
         (scan.fields, scan.whole) = census.finish();
+        scan.names = reader.names;
         scan.source = source;
         Ok(scan)
     }
 
-    fn take(&mut self, record: &Record) {
-        let t_ns = nanos(record.time());
+    fn take(&mut self, row: &Row, places: &Places) {
+        let t_ns = row.t_ns();
         self.records += 1;
         self.first_ns = self.first_ns.min(t_ns);
         self.last_ns = self.last_ns.max(t_ns);
         self.disorder_ns = self.disorder_ns.max(self.last_ns - t_ns);
-        for (signal, series) in Signal::ALL.into_iter().zip(&mut self.signals) {
-            if let Some(value) = signal.value(record) {
-                series.push(t_ns, value);
+        for ((channel, column), series) in places.signals.into_iter().zip(&mut self.signals) {
+            if channel == row.channel && row.numbers[column].is_finite() {
+                series.push(t_ns, row.numbers[column]);
             }
         }
-        if let Record::ControlState(state) = record
-            && self.phases.last().is_none_or(|(phase, _)| *phase != state.phase)
-            && self.phases.len() < PHASES_MAX
-        {
-            self.phases.push((state.phase, t_ns));
+        if row.channel == Channel::ControlState {
+            let phase = places.phase(row);
+            if self.phases.last().is_none_or(|(before, _)| *before != phase) && self.phases.len() < PHASES_MAX
+            {
+                self.phases.push((phase, t_ns));
+            }
+            let is_closed = places.closed_loop.into_iter().any(|column| row.numbers[column] != 0.0);
+            self.see_settling(phase, is_closed, t_ns);
         }
-        self.see_settling(record);
     }
 
     /// Once it takes the airframe for down, the controller leaves the closed loop, which alone has an integral and a speed to
     /// hold: the instant of a landing that every recording with phases has, to an iteration.
-    fn see_settling(&mut self, record: &Record) {
-        let Record::ControlState(state) = record else { return };
-        if state.phase != Phase::Land {
+    fn see_settling(&mut self, phase: Phase, is_closed: bool, t_ns: i64) {
+        if phase != Phase::Land {
             self.descending = false;
-        } else if state.integral_n != 0.0 || state.vertical_speed_setpoint_m_s != 0.0 {
+        } else if is_closed {
             self.descending = true;
         } else if self.descending {
             self.descending = false;
-            self.settling_ns.push(nanos(state.time));
+            self.settling_ns.push(t_ns);
         }
     }
 
@@ -338,57 +342,113 @@ impl Scan {
         self.disorder_ns > DISORDER_MAX_NS
     }
 
-    /// Reads the records of some channels again, in order of time.
+    /// Gives the rows of some channels again, in order of time.
     pub fn sorted(
         &self,
         channels: &[Channel],
-    ) -> Result<Sorted<impl Iterator<Item = Result<Record, RecordingError>> + '_>, RecordingError> {
-        Ok(Sorted::new(self.source.records(channels)?, self.disorder_ns.min(DISORDER_MAX_NS)))
+        mut take: impl FnMut(&mut Row) -> ControlFlow<()>,
+    ) -> Result<(), RecordingError> {
+        let mut reader = RowReader::new();
+        let behind_ns = self.disorder_ns.min(DISORDER_MAX_NS);
+        if behind_ns == 0 {
+            return self.source.rows(channels, &mut reader, take);
+        }
+        let mut sorter = Sorter::new(behind_ns);
+        self.source.rows(channels, &mut reader, |row| {
+            sorter.push(*row);
+            while let Some(mut row) = sorter.pop_settled() {
+                take(&mut row)?;
+            }
+            ControlFlow::Continue(())
+        })?;
+        // What is left is not wanted either where nothing is.
+        let _ = sorter.into_rest().try_for_each(|mut row| take(&mut row));
+        Ok(())
+    }
+}
+
+/// Where in rows the first pass finds what it looks at.
+struct Places {
+    /// By signal.
+    signals: [(Channel, usize); Signal::ALL.len()],
+    phase: usize,
+    phases: [(u64, Phase); Phase::ALL.len()],
+    /// Numbers of the controller that are zero but in closed loop.
+    closed_loop: [usize; 2],
+}
+
+impl Places {
+    fn new() -> Self {
+        let entries = catalogue();
+        let signal = |signal: Signal| {
+            let (slot, column) = find(&entries, signal.path());
+            (entries[slot].channel, column)
+        };
+        let state = |name: &str| find(&entries, &format!("{}/{name}", Channel::ControlState.topic())).1;
+        Self {
+            signals: Signal::ALL.map(signal),
+            phase: state("phase"),
+            phases: Phase::ALL.map(|phase| (name_number(phase.name()).to_bits(), phase)),
+            closed_loop: [state("integral_n"), state("vertical_speed_setpoint_m_s")],
+        }
+    }
+
+    fn phase(&self, row: &Row) -> Phase {
+        let number = row.numbers[self.phase].to_bits();
+        let found = self.phases.iter().find(|(of, _)| *of == number);
+        found.expect("every state has a phase").1
     }
 }
 
 /// Counts samples. Most fields have one in each record of their channel, and so as many at the same intervals: these are counted once
 /// for all, and a field for itself only from the first record on in which it has none.
+#[derive(Default)]
 struct Census {
-    extractor: Extractor,
-    /// By channel: its records, each taken for a sample.
-    channels: [Seen; Channel::ALL.len()],
-    /// By slot of the catalogue; `None` as long as the field is as its channel.
-    fields: Vec<Option<Box<Seen>>>,
+    channels: [Tallied; Channel::ALL.len()],
+}
+
+/// What is counted of a channel.
+#[derive(Default)]
+struct Tallied {
+    /// Its records, each taken for a sample.
+    all: Seen,
+    /// The columns that have not a sample in each.
+    parted: Vec<(usize, Seen)>,
+    /// Their bits.
+    parted_bits: u32,
 }
 
 impl Census {
-    fn new() -> Self {
-        Self {
-            extractor: Extractor::new(),
-            channels: Default::default(),
-            fields: catalogue().iter().map(|_| None).collect(),
-        }
-    }
-
-    fn take(&mut self, record: &Record) {
-        let Self { extractor, channels, fields } = self;
-        let channel = &mut channels[record.channel() as usize];
-        let t_ns = nanos(record.time());
-        let before_ns = channel.last_ns;
+    fn take(&mut self, row: &Row) {
+        let Tallied { all, parted, parted_bits } = &mut self.channels[row.channel as usize];
+        let t_ns = row.t_ns();
+        let before_ns = all.last_ns;
         let interval = Interval::between(before_ns, t_ns);
-        extractor.each(record, |slot, cell| match &mut fields[slot] {
-            None if matches!(cell, Cell::Number(_)) => {}
-            field => {
-                field.get_or_insert_with(|| Box::new(channel.clone())).take(t_ns, cell, before_ns, interval);
-            }
-        });
-        channel.take(t_ns, Cell::Number(0.0), before_ns, interval);
+        let lacking = row.numbers.iter().enumerate();
+        let lacking = lacking.fold(0, |bits, (column, x)| bits | u32::from(!is_usable(*x)) << column);
+        let mut fresh = lacking & !*parted_bits;
+        *parted_bits |= fresh;
+        while fresh != 0 {
+            parted.push((fresh.trailing_zeros() as usize, all.clone()));
+            fresh &= fresh - 1;
+        }
+        for (column, seen) in parted {
+            seen.take(t_ns, Cell::of(row.numbers[*column]), before_ns, interval);
+        }
+        all.take(t_ns, Cell::Number, before_ns, interval);
     }
 
     /// What each field has, by slot, and whether every record has it.
     fn finish(self) -> (Vec<Seen>, Vec<bool>) {
-        let Self { channels, fields, .. } = self;
-        let whole = fields.iter().map(Option::is_none).collect();
-        let seen = |(entry, field): (Entry, Option<Box<Seen>>)| {
-            field.map_or_else(|| channels[entry.channel as usize].clone(), |seen| *seen)
+        let of_channel = |(channel, tallied): (Channel, Tallied)| {
+            let Tallied { all, parted, .. } = tallied;
+            let mut fields: Vec<(Seen, bool)> = vec![(all, true); channel.fields().len()];
+            for (column, seen) in parted {
+                fields[column] = (seen, false);
+            }
+            fields
         };
-        (catalogue().into_iter().zip(fields).map(seen).collect(), whole)
+        Channel::ALL.into_iter().zip(self.channels).flat_map(of_channel).unzip()
     }
 }
 
@@ -398,7 +458,7 @@ impl Seen {
         match cell {
             Cell::Missing => {}
             Cell::Unusable => self.unusable += 1,
-            Cell::Number(_) => {
+            Cell::Number => {
                 if self.count > 0 {
                     let own = || Interval::between(self.last_ns, t_ns);
                     self.intervals.push(if self.last_ns == before_ns { interval } else { own() });
@@ -410,100 +470,9 @@ impl Seen {
     }
 }
 
-/// Records in order of time, of an iterator whose order falls behind by a known time at most. Holds the records of that
-/// time.
-pub(super) struct Sorted<I> {
-    records: I,
-    behind_ns: i64,
-    newest_ns: i64,
-    heap: BinaryHeap<Waiting>,
-    read: u64,
-    done: bool,
-}
-
-struct Waiting {
-    t_ns: i64,
-    place: u64,
-    record: Record,
-}
-
-impl PartialEq for Waiting {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-
-impl Eq for Waiting {}
-
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Waiting {
-    /// The heap gives its greatest: the earliest, and the one read first among equals.
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (other.t_ns, other.place).cmp(&(self.t_ns, self.place))
-    }
-}
-
-impl<I: Iterator<Item = Result<Record, RecordingError>>> Sorted<I> {
-    fn new(records: I, behind_ns: i64) -> Self {
-        Self { records, behind_ns, newest_ns: i64::MIN, heap: BinaryHeap::new(), read: 0, done: false }
-    }
-
-    fn fill(&mut self) -> Result<(), RecordingError> {
-        let settled = |heap: &BinaryHeap<Waiting>, newest_ns: i64, behind_ns: i64| {
-            heap.peek().is_some_and(|waiting| waiting.t_ns < newest_ns.saturating_sub(behind_ns))
-        };
-        while !self.done && !settled(&self.heap, self.newest_ns, self.behind_ns) {
-            let Some(record) = self.records.next().transpose()? else {
-                self.done = true;
-                break;
-            };
-            let t_ns = nanos(record.time());
-            self.newest_ns = self.newest_ns.max(t_ns);
-            self.heap.push(Waiting { t_ns, place: self.read, record });
-            self.read += 1;
-        }
-        Ok(())
-    }
-}
-
-impl<I: Iterator<Item = Result<Record, RecordingError>>> Iterator for Sorted<I> {
-    type Item = Result<(i64, Record), RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.behind_ns == 0 {
-            return self.records.next().map(|read| read.map(|record| (nanos(record.time()), record)));
-        }
-        if let Err(error) = self.fill() {
-            return Some(Err(error));
-        }
-        self.heap.pop().map(|waiting| Ok((waiting.t_ns, waiting.record)))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Battery, Tick};
-
-    #[test]
-    fn records_are_put_in_order_and_ties_keep_the_order_of_the_file() {
-        let battery = |t_s, voltage_v| {
-            Ok(Record::from(Battery { time: Time::from_seconds(t_s), voltage_v, current_a: None }))
-        };
-        let tick = |t_s| Ok(Record::from(Tick { started: Time::from_seconds(t_s), ..Tick::default() }));
-        let file = vec![battery(0.1, 1.0), tick(0.0), battery(0.2, 2.0), tick(0.1), battery(0.1, 3.0)];
-        let sorted: Vec<_> =
-            Sorted::new(file.into_iter(), 100_000_000).map(|read| read.expect("a record")).collect();
-        let times: Vec<i64> = sorted.iter().map(|(t_ns, _)| t_ns / 1_000_000).collect();
-        assert_eq!(times, [0, 100, 100, 100, 200]);
-        assert_eq!(sorted[1].1.channel(), Channel::Battery);
-        assert_eq!(sorted[2].1.channel(), Channel::Tick);
-    }
 
     #[test]
     fn quarter_octaves_are_those_of_the_logarithm() {

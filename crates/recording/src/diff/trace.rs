@@ -35,7 +35,40 @@ impl Stretches {
 
 /// The lines of a trace: A, B and their difference.
 const LINES: usize = 3;
-const DIFFERENCE: usize = 2;
+pub(super) const DIFFERENCE: usize = 2;
+
+/// Samples in a row that lie in one stretch: which, and how many.
+#[derive(Default)]
+pub(super) struct Runs(Vec<(u32, usize)>);
+
+impl Runs {
+    pub fn push(&mut self, stretch: u32) {
+        match self.0.last_mut() {
+            Some((last, samples)) if *last == stretch => *samples += 1,
+            _ => self.0.push((stretch, 1)),
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.0.clear();
+    }
+}
+
+/// Least and greatest of values, which are numbers, and of those before. Four at a time, as each waits for the one before it.
+pub(super) fn extremes_of([least, greatest]: [f64; 2], values: &[f64]) -> [f64; 2] {
+    let less = |a: f64, b: f64| if b < a { b } else { a };
+    let more = |a: f64, b: f64| if b > a { b } else { a };
+    let (fours, rest) = values.as_chunks::<4>();
+    let (mut lows, mut highs) = ([least; 4], [greatest; 4]);
+    for four in fours {
+        for i in 0..4 {
+            lows[i] = less(lows[i], four[i]);
+            highs[i] = more(highs[i], four[i]);
+        }
+    }
+    let all = |ends: [f64; 4], which: fn(f64, f64) -> f64| rest.iter().copied().chain(ends).reduce(which);
+    [all(lows, less).unwrap_or(least), all(highs, more).unwrap_or(greatest)]
+}
 
 /// When there are samples to draw: the same for all fields that have theirs at the same instants.
 pub(super) struct TraceTimes {
@@ -51,17 +84,8 @@ impl TraceTimes {
         Self { axis, gap_s: gap_ns as f64 * 1e-9, lines }
     }
 
-    /// Adds a sample of A (0) or B (1) that lies in a stretch.
-    pub fn value(&mut self, side: usize, stretch: u32, t_ns: i64) {
-        self.add(side, stretch, t_ns);
-    }
-
-    /// Adds a difference.
-    pub fn difference(&mut self, stretch: u32, t_ns: i64) {
-        self.add(DIFFERENCE, stretch, t_ns);
-    }
-
-    fn add(&mut self, line: usize, stretch: u32, t_ns: i64) {
+    /// Counts a sample of A (0) or B (1), or a difference ([`DIFFERENCE`]), that lies in a stretch.
+    pub fn add(&mut self, line: usize, stretch: u32, t_ns: i64) {
         if let Some(stretch) = self.lines[line].get_mut(stretch as usize) {
             stretch.count += 1;
             stretch.time_s += t_ns.saturating_sub(self.axis.from_ns) as f64 * 1e-9;
@@ -80,24 +104,13 @@ impl TraceBuilder {
         Self { lines: std::array::from_fn(|_| vec![[f64::INFINITY, f64::NEG_INFINITY]; axis.stretches]) }
     }
 
-    /// Adds a sample of A (0) or B (1) that lies in a stretch.
-    pub fn value(&mut self, side: usize, stretch: u32, value: f64) {
-        self.add(side, stretch, value);
-    }
-
-    /// Adds a difference.
-    pub fn difference(&mut self, stretch: u32, value: f64) {
-        self.add(DIFFERENCE, stretch, value);
-    }
-
-    /// `value` is a number.
-    fn add(&mut self, line: usize, stretch: u32, value: f64) {
-        if let Some([least, greatest]) = self.lines[line].get_mut(stretch as usize) {
-            if value < *least {
-                *least = value;
-            }
-            if value > *greatest {
-                *greatest = value;
+    /// Adds the samples of A (0) or B (1), or differences ([`DIFFERENCE`]), that lie in one stretch after another.
+    pub fn add(&mut self, line: usize, runs: &Runs, mut values: &[f64]) {
+        for &(stretch, samples) in &runs.0 {
+            let (these, rest) = values.split_at(samples);
+            values = rest;
+            if let Some(extremes) = self.lines[line].get_mut(stretch as usize) {
+                *extremes = extremes_of(*extremes, these);
             }
         }
     }
@@ -148,11 +161,14 @@ mod tests {
         let axis = Axis { from_ns: 0, until_ns: 10_000_000_000, stretches: 100 };
         let stretches = Stretches::of(axis);
         let (mut times, mut trace) = (TraceTimes::new(axis, 200_000_000), TraceBuilder::new(axis));
+        let (mut runs, mut values) = (Runs::default(), Vec::new());
         for i in (0..1000).filter(|i| !(400..600).contains(i)) {
             let stretch = stretches.find(i * 10_000_000);
-            times.value(0, stretch, i * 10_000_000);
-            trace.value(0, stretch, if i == 333 { 7.0 } else { 0.0 });
+            times.add(0, stretch, i * 10_000_000);
+            runs.push(stretch);
+            values.push(if i == 333 { 7.0 } else { 0.0 });
         }
+        trace.add(0, &runs, &values);
         let trace = trace.finish(&times, true);
         let greatest = trace.a.iter().flatten().fold(0.0, |most: f64, [_, _, greatest]| most.max(*greatest));
         assert_eq!(greatest, 7.0);

@@ -4,7 +4,7 @@ use super::{
     DiffOptions, DiffReport, Verdict,
     derived::Derived,
     law::{Interpolation, Law},
-    merge::{Outcome, Tally},
+    merge::Outcome,
     pair::Pair,
     report::{
         Difference, Exclusion, FieldReport, Lag, PhaseSpan, Reason, RecordingSummary, Samples, Size, SizeOf,
@@ -12,6 +12,7 @@ use super::{
     },
     scan::Scan,
     series::Shift,
+    tally::Tally,
     text,
     tolerance::Limits,
 };
