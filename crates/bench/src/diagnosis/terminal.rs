@@ -55,11 +55,15 @@ fn what(out: &mut String, report: &Report) {
         report.calibration_choice.why
     );
     if report.verdict == Conclusion::Inconclusive {
+        let part = told::leader_takes_part(diagnosis)
+            .filter(|part| *part >= report.confidence + LEAST_PROBABLE)
+            .map(|part| format!("; that it takes part, alone or beside another: {}", told::percent(part)));
         let _ = writeln!(
             out,
-            "what leads, not sure enough to be told: {} ({})",
+            "what leads, not sure enough to be told: {} ({}{})",
             told::answer(diagnosis),
-            told::percent(report.confidence)
+            told::percent(report.confidence),
+            part.unwrap_or_default()
         );
     }
     for effect in diagnosis.effects.iter().filter_map(|name| told::spec(name)) {

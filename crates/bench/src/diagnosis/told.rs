@@ -160,6 +160,18 @@ pub fn number(key: &str, sticks: Actuation) -> (String, String) {
     (name.replace('_', " "), unit)
 }
 
+/// Probability that the leading effect, or one that flights cannot tell from it, takes part, alone or beside another; of nothing but one
+/// effect that leads.
+pub fn leader_takes_part(diagnosis: &Diagnosis) -> Option<f64> {
+    let leading = diagnosis.candidates.iter().find(|candidate| candidate.name == diagnosis.leading)?;
+    let [effect] = leading.effects.as_slice() else { return None };
+    let alike: Vec<&str> = diagnosis.alternatives.iter().map(|other| other.name.as_str()).collect();
+    let takes_part = |candidate: &&Candidate| {
+        candidate.effects.iter().any(|other| other == effect || alike.contains(other))
+    };
+    Some(diagnosis.candidates.iter().filter(takes_part).map(|candidate| candidate.probability).sum())
+}
+
 /// Misfit over what a right model would have against the same noise, nats a measurement; of a model that is as good, 0.
 pub fn above_floor(misfit: &Figure, floor: &Figure) -> Figure {
     let [value, low, high] = [misfit.value, misfit.low, misfit.high].map(|x| (x - floor.value).max(0.0));
