@@ -5,7 +5,7 @@ use std::{fs, time::Duration};
 
 use bench_usb_lab::host::{Lab, Outcome};
 
-use crate::support::{Scratch, bench, conforms, json, root};
+use crate::support::{Page, Scratch, bench, conforms, json, root};
 
 /// What the lab has: rotors that follow slowly.
 const PLANTED_S: f64 = 0.12;
@@ -16,9 +16,14 @@ fn variable(name: &str) -> String {
 
 /// Runs a script in the kernel with camera, motor and board plugged in.
 fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
+    run_drifted(scratch, effects, 0.0, script)
+}
+
+/// The same with a board whose throttle output has drifted since it was calibrated.
+fn run_drifted(scratch: &Scratch, effects: &str, drift_v: f64, script: &str) -> Outcome {
     let rig = root().join("rigs/transmitter.toml").canonicalize().unwrap();
     let settings = format!(
-        "rig = \"{}\"\nseed = 5\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\nhidden_while = \"{}\"\n",
+        "rig = \"{}\"\nseed = 5\nboard_drift_v = {drift_v:?}\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\nhidden_while = \"{}\"\n",
         rig.display(),
         variable("BENCH_FIRMWARE_HOST"),
         scratch.name("truth.csv"),
@@ -273,4 +278,94 @@ fn usb_lab_is_flown_by_a_second_start_once_the_marker_is_in_sight() {
     assert_eq!(flight.ticks.len() as u64, report["summary"]["ticks"].as_u64().unwrap());
     let peak = truth(&scratch).iter().fold(0.0_f64, |peak, [z, _]| peak.max(*z));
     assert!(peak > 0.1, "{peak}");
+}
+
+/// The loopback bench against the real airframe, each with a board of its own.
+const PAIR: &str = r#"
+name = "pair"
+description = "The airframe flies as the board's loop does."
+
+[[case]]
+name = "pair"
+rig = ["loopback", "transmitter"]
+mode = ["loopback", "transmitter"]
+mission = ["hop", "climb-040"]
+compare = "back-to-back"
+mission_criteria = "ignore"
+
+[case.limits]
+peak_min_m = 0.02
+peak_max_m = 1.0
+"#;
+
+/// Flies the pair with a loopback board on a pty and the lab's board on USB, off by so much; the exit code and the report.
+fn fly_pair(scratch: &Scratch, [loopback_mv, lab_mv]: [i32; 2]) -> (String, serde_json::Value) {
+    fs::write(scratch.path("pair.toml"), PAIR).unwrap();
+    run_drifted(
+        scratch,
+        "",
+        f64::from(lab_mv) * 1e-3,
+        &format!(
+            "export XDG_CACHE_HOME=$work/cache
+            $bench emulate psoc5 --link /run/psoc5 --dac-offset-mv {loopback_mv} > /dev/null 2>&1 &
+            until [ -e /run/psoc5 ]; do sleep 0.05; done
+            $bench test $work/pair.toml --port loopback=/run/psoc5 --port transmitter=/dev/ttyACM0 --exposure-ms 10 \
+                -o $work/results --json > $work/report.json 2> $work/words
+            echo $? > $work/code"
+        ),
+    );
+    let read = |name: &str| fs::read_to_string(scratch.path(name)).unwrap();
+    (read("code").trim().to_owned() + &read("words"), report(scratch, "report.json"))
+}
+
+/// What each test came to, and what it was compared with.
+fn outcomes(report: &serde_json::Value) -> Vec<(&str, &str, Option<&str>)> {
+    let tests = report["tests"].as_array().unwrap().iter();
+    tests
+        .map(|test| {
+            let run = &test["runs"][0];
+            assert_eq!((&run["stopped"], &run["data_lost"]), (&false.into(), &false.into()), "{test}");
+            (
+                test["mode"].as_str().unwrap(),
+                test["outcome"].as_str().unwrap(),
+                run["comparisons"][0]["with"].as_str(),
+            )
+        })
+        .collect()
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_flies_as_the_loopback_bench_where_both_boards_are_right() {
+    let scratch = Scratch::new();
+    let (code, report) = fly_pair(&scratch, [0, 0]);
+    assert!(code.starts_with('0'), "{code}: {report}");
+    let found = outcomes(&report);
+    assert!(found.len() == 4 && found.iter().all(|(_, outcome, _)| *outcome == "passed"), "{report}");
+    for (mode, _, with) in found {
+        assert_eq!(with.is_some_and(|with| with.contains("loopback")), mode == "transmitter", "{report}");
+    }
+    assert_eq!(report["diagnoses"], serde_json::json!([]));
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_against_the_loopback_bench_names_which_of_two_boards_is_off() {
+    for (off_mv, off) in [([48, 0], "loopback"), ([0, 48], "transmitter")] {
+        let scratch = Scratch::new();
+        let (code, report) = fly_pair(&scratch, off_mv);
+        assert!(code.starts_with('1'), "{code}: {report}");
+        let failed =
+            |(mode, outcome, _): &(&str, &str, Option<&str>)| *mode == "transmitter" && *outcome == "failed";
+        assert!(outcomes(&report).iter().any(failed), "{report}");
+        // The flights through the right board are as its rig says, and those through the other are not.
+        let diagnoses = report["diagnoses"].as_array().unwrap();
+        assert_eq!(diagnoses.len(), 2, "{report}");
+        let page = Page::read(&scratch.name("results/report.html"));
+        for diagnosed in diagnoses {
+            let is_off = diagnosed["tests"][0].as_str().unwrap().contains(off);
+            assert_eq!(diagnosed["verdict"] != "none", is_off, "{off}: {diagnosed}");
+            assert!(page.section("Diagnosis of what differs").contains(diagnosed["words"].as_str().unwrap()));
+        }
+    }
 }
