@@ -23,9 +23,8 @@ use bench_rig::Rig;
 
 use crate::{Shutter, settings::calibration};
 
-/// How long the world stands still at most where no pin changes and no frame is due. Each step is a switch of processes, which is what a
-/// user-mode kernel spends its time on.
-const STEP: Duration = Duration::from_millis(10);
+/// How long the world stands still at most.
+const STEP: Duration = Duration::from_millis(2);
 /// A depth image is on its way for as long, s: 242 microframes. The rest of the rig's latency passes before it is sent.
 const TRANSPORT_S: f64 = 242.0 * 125e-6;
 
@@ -100,10 +99,7 @@ impl Flight {
         let began = Instant::now();
         let mut sticks = [0.0; 4];
         loop {
-            let due_s = self.exposures.due().map(|due| due.seconds() - began.elapsed().as_secs_f64());
-            // A nanosecond more than that, as a time is rounded on its way.
-            let wait = due_s.map_or(STEP, |due_s| Duration::from_secs_f64(due_s.max(0.0) + 1e-9).min(STEP));
-            let pin = match pins.0.recv_timeout(wait) {
+            let pin = match pins.0.recv_timeout(STEP) {
                 Ok(pin) => Some(pin),
                 Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => return Ok(()),

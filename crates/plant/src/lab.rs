@@ -485,11 +485,6 @@ impl Exposures {
         let arrived = exposures.front().is_some_and(|exposure| exposure.arrives_at <= now);
         if arrived { exposures.pop_front() } else { None }
     }
-
-    /// When the frame of the next exposure arrives. `None`: nothing was exposed that has not been returned.
-    pub fn due(&self) -> Option<Time> {
-        self.0.0.borrow().camera.exposures.as_ref()?.front().map(|exposure| exposure.arrives_at)
-    }
 }
 
 /// Hands out frames once they have arrived.
