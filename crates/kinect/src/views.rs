@@ -121,7 +121,8 @@ fn depth_seen(frame: &Frame, camera: &Camera, pixel: Vector2<f64>) -> Option<f64
         let at = y * WIDTH + x;
         let z_m = camera.disparity().depth_m(f64::from(frame.depth[at]));
         let Some(z_m) = z_m.filter(|_| frame.depth_valid.received(at)) else { continue };
-        let is_there = camera.depth_pixel(&(ray * z_m)).is_some_and(|place| (place.x - x as f64).abs() <= 1.0);
+        let is_there =
+            camera.depth_pixel(&(ray * z_m)).is_some_and(|place| (place.x - x as f64).abs() <= 1.0);
         if is_there && count < found_m.len() {
             found_m[count] = z_m;
             count += 1;

@@ -152,7 +152,8 @@ impl Emulation {
     /// Waits for bytes, no longer than until something else is due.
     fn listen(&mut self) {
         let now_us = self.now_us();
-        let wait = self.due_us(now_us).map_or(TURN, |due_us| Duration::from_micros(due_us - now_us).min(TURN));
+        let wait =
+            self.due_us(now_us).map_or(TURN, |due_us| Duration::from_micros(due_us - now_us).min(TURN));
         let Some(master) = &mut self.master else { return thread::sleep(wait) };
         let _ = master.set_timeout(wait);
         let mut bytes = [0; 512];
