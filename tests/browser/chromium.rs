@@ -165,6 +165,26 @@ impl Chromium {
         }
     }
 
+    /// Moves fingers over the page from some places to others, x and y in pixels of the window, in steps as a hand does.
+    pub fn drag(&mut self, tab: &Tab, from: &[[f64; 2]], to: &[[f64; 2]]) {
+        const STEPS: u32 = 10;
+        self.call(
+            Some(tab),
+            "Emulation.setTouchEmulationEnabled",
+            &json!({ "enabled": true, "maxTouchPoints": 5 }),
+        );
+        let mut touch = |kind: &str, share: f64| {
+            let along = |(a, b): (&[f64; 2], &[f64; 2])| [0, 1].map(|i| a[i] + share * (b[i] - a[i]));
+            let point = |(id, [x, y]): (usize, [f64; 2])| json!({ "x": x, "y": y, "id": id });
+            let points: Vec<Value> = from.iter().zip(to).map(along).enumerate().map(point).collect();
+            let points = if kind == "touchEnd" { Vec::new() } else { points };
+            self.call(Some(tab), "Input.dispatchTouchEvent", &json!({ "type": kind, "touchPoints": points }));
+        };
+        touch("touchStart", 0.0);
+        (1..=STEPS).for_each(|step| touch("touchMove", f64::from(step) / f64::from(STEPS)));
+        touch("touchEnd", 1.0);
+    }
+
     /// What is seen of the page, into the folder that `BENCH_SCREENSHOTS` names or `target/screenshots`, which CI keeps.
     pub fn screenshot(&mut self, tab: &Tab, name: &str) -> PathBuf {
         let shot = self.call(Some(tab), "Page.captureScreenshot", &json!({ "format": "png" }));

@@ -78,3 +78,45 @@ fn browser_zooms_a_plot_and_shows_all_again() {
     browser.wait(&tab, "the plot to show all again", &format!("{drawn} === whole"));
     assert_eq!(browser.errors(&tab), Vec::<String>::new());
 }
+
+#[test]
+#[ignore = "needs Chromium; tests/run sets it up"]
+fn browser_zooms_and_pans_a_plot_by_fingers_on_a_phone() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    bench(folder, "sim -o a.mcap", 0);
+    bench(folder, "report a.mcap -o report.html", 0);
+    let mut browser = Chromium::start();
+    let tab = browser.open(&format!("file://{}", folder.join("report.html").display()), PHONE);
+    // On a phone the first plot is far below the first screen, and only what comes near is drawn.
+    browser.value(
+        &tab,
+        "document.querySelector('[data-plot]').scrollIntoView({ block: 'center', behavior: 'instant' })",
+    );
+    browser.wait(&tab, "the first plot", "document.querySelector('[data-plot]').dataset.plot === 'drawn'");
+    let place = "(() => { const box = document.querySelector('[data-plot] .u-over').getBoundingClientRect(); \
+         return [box.left, box.top + box.height / 2, box.width]; })()";
+    let place = browser.value(&tab, place);
+    let [left, y, width] = [0, 1, 2].map(|i| place[i].as_f64().unwrap());
+    let at = |share: f64| [left + share * width, y];
+    let drawn = "document.querySelector('[data-plot] canvas').toDataURL()";
+    let keep =
+        |browser: &mut Chromium, name: &str| _ = browser.value(&tab, &format!("window.{name} = {drawn}"));
+    keep(&mut browser, "whole");
+    // One finger moves nothing where all is shown.
+    browser.drag(&tab, &[at(0.7)], &[at(0.3)]);
+    assert_eq!(browser.value(&tab, &format!("{drawn} === whole")), true);
+    browser.drag(&tab, &[at(0.45), at(0.55)], &[at(0.2), at(0.8)]);
+    browser.wait(&tab, "two fingers to zoom", &format!("{drawn} !== whole"));
+    keep(&mut browser, "zoomed");
+    browser.screenshot(&tab, "report-phone-zoomed");
+    browser.drag(&tab, &[at(0.7)], &[at(0.3)]);
+    browser.wait(&tab, "one finger to pan", &format!("{drawn} !== zoomed && {drawn} !== whole"));
+    // The page itself was neither zoomed nor moved, and fingers that meet again show all.
+    assert_eq!(browser.value(&tab, "visualViewport.scale"), 1);
+    for _ in 0..3 {
+        browser.drag(&tab, &[at(0.1), at(0.9)], &[at(0.45), at(0.55)]);
+    }
+    browser.wait(&tab, "two fingers to show all again", &format!("{drawn} === whole"));
+    assert_eq!(browser.errors(&tab), Vec::<String>::new());
+}

@@ -19,6 +19,9 @@ pub struct Settings {
     /// The board's firmware, built for Linux. With it the airframe flies; without it, the camera shows the reel and there is no board.
     #[serde(default)]
     pub board: Option<PathBuf>,
+    /// What the board's throttle output is off by beyond what its memory says, V.
+    #[serde(default)]
+    pub board_drift_v: f64,
     /// Where to write what really happened in a flight, as CSV.
     #[serde(default)]
     pub truth: Option<PathBuf>,

@@ -35,6 +35,7 @@ fn run(faults: Faults, script: &str, patience_s: u64) -> (TempDir, Outcome) {
         effects: vec![],
         seed: SEED,
         board: None,
+        board_drift_v: 0.0,
         truth: None,
         hidden_while: None,
         faults,

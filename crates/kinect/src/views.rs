@@ -22,6 +22,8 @@ const GREEN: Rgb = [40, 255, 60];
 const YELLOW: Rgb = [255, 220, 0];
 const BLUE: Rgb = [90, 150, 255];
 const WHITE: Rgb = [235, 235, 235];
+/// On either side of a frame in the depth view, whose own colours are those of frames.
+const BLACK: Rgb = [0, 0, 0];
 /// Pixels that were lost.
 const LOST: Rgb = [255, 0, 255];
 /// The depths between which colours run from red over green to blue, m.
@@ -75,10 +77,14 @@ impl Views {
             let high = Vector2::new(2 * blob.x1, 2 * blob.y1).cast::<f64>();
             full.frame(low, high, colour);
             red.frame(low, high, colour);
-            if let Some(z_m) = candidate.z_m {
+            // What was rejected by its shape was never asked for its depth.
+            let middle = (low + high) / 2.0;
+            if let Some(z_m) = candidate.z_m.or_else(|| depth_seen(frame, camera, middle)) {
                 let place = |pixel| camera.depth_pixel(&camera.from_colour(pixel, z_m));
                 if let (Some(low), Some(high)) = (place(low), place(high)) {
-                    depth.frame(low, high, colour);
+                    for (out, colour) in [(-1.0, BLACK), (1.0, BLACK), (0.0, colour)] {
+                        depth.frame(low.add_scalar(-out), high.add_scalar(out), colour);
+                    }
                 }
             }
         }
@@ -98,6 +104,33 @@ impl Views {
         }
         Ok(paths)
     }
+}
+
+/// Depth of what the colour camera sees at a pixel: the median of those readings whose own depth puts them there. `None` without any.
+fn depth_seen(frame: &Frame, camera: &Camera, pixel: Vector2<f64>) -> Option<f64> {
+    const ROWS: usize = 5;
+    let ray = camera.colour_ray(pixel);
+    let [near, far] = DEPTHS_M.map(|z_m| camera.depth_pixel(&(ray * z_m)));
+    let (near, far) = (near?, far?);
+    let index = |at: f64, size: usize| at.round().clamp(0.0, size as f64 - 1.0) as usize;
+    let columns = index(near.x.min(far.x), WIDTH)..=index(near.x.max(far.x), WIDTH);
+    let row = index(far.y, HEIGHT).saturating_sub(ROWS / 2);
+    // In a loop in real time this is drawn on its thread, which does not allocate.
+    let (mut found_m, mut count) = ([0.0; 64], 0);
+    for (x, y) in (row..(row + ROWS).min(HEIGHT)).flat_map(|y| columns.clone().map(move |x| (x, y))) {
+        let at = y * WIDTH + x;
+        let z_m = camera.disparity().depth_m(f64::from(frame.depth[at]));
+        let Some(z_m) = z_m.filter(|_| frame.depth_valid.received(at)) else { continue };
+        let is_there =
+            camera.depth_pixel(&(ray * z_m)).is_some_and(|place| (place.x - x as f64).abs() <= 1.0);
+        if is_there && count < found_m.len() {
+            found_m[count] = z_m;
+            count += 1;
+        }
+    }
+    let found_m = &mut found_m[..count];
+    found_m.sort_unstable_by(f64::total_cmp);
+    found_m.get(count / 2).copied()
 }
 
 fn colour_of(candidate: &Candidate) -> Rgb {
@@ -223,7 +256,7 @@ mod tests {
     };
 
     #[test]
-    fn the_marker_is_framed_in_green_in_all_views_and_survives_the_red_filter() {
+    fn what_was_chosen_and_what_was_rejected_is_framed_in_all_views_and_the_marker_survives_the_red_filter() {
         let calibration = calibration();
         let mut renderer = Renderer::new(&calibration, &Scene::with_distractors(), Settings::default(), 3);
         let (mut tracker, mut frame) = (Tracker::new(&calibration), Frame::default());
@@ -238,6 +271,11 @@ mod tests {
             let framed = (0..PIXELS).filter(|i| image.pixel(i % WIDTH, i / WIDTH) == GREEN).count();
             // Four sides of about 20 pixels.
             assert!(framed > 60, "{framed}");
+            // What was rejected is shown in all three as well: for its size or place, and for its shape.
+            for colour in [BLUE, WHITE] {
+                let framed = (0..PIXELS).filter(|i| image.pixel(i % WIDTH, i / WIDTH) == colour).count();
+                assert!(framed > 60, "{colour:?}: {framed}");
+            }
         }
         let [x, y] = sighting.pixel.map(|at| at as usize);
         let [r, g, b] = views.red.pixel(x + 4, y + 4);

@@ -5,7 +5,7 @@ use std::{
     fs,
     io::{self, BufRead, BufReader},
     path::Path,
-    process::Command,
+    process::{Command, Stdio},
     thread,
 };
 
@@ -45,6 +45,8 @@ pub fn main(make: Maker) -> io::Result<()> {
         .arg(work.join(SCRIPT))
         .current_dir(work)
         .env("PATH", "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin")
+        // The console is a terminal at which nobody sits: a program that asks there would wait for ever.
+        .stdin(Stdio::null())
         .status()?;
     fs::write(work.join(STATUS), status.code().unwrap_or(-1).to_string())?;
     rustix::fs::sync();

@@ -5,7 +5,8 @@ use std::{fs, time::Duration};
 
 use bench_usb_lab::host::{Lab, Outcome};
 
-use crate::support::{Scratch, bench, conforms, json, root};
+use super::short_mission;
+use crate::support::{Page, Scratch, bench, conforms, json, root};
 
 /// What the lab has: rotors that follow slowly.
 const PLANTED_S: f64 = 0.12;
@@ -16,9 +17,14 @@ fn variable(name: &str) -> String {
 
 /// Runs a script in the kernel with camera, motor and board plugged in.
 fn run(scratch: &Scratch, effects: &str, script: &str) -> Outcome {
+    run_drifted(scratch, effects, 0.0, script)
+}
+
+/// The same with a board whose throttle output has drifted since it was calibrated.
+fn run_drifted(scratch: &Scratch, effects: &str, drift_v: f64, script: &str) -> Outcome {
     let rig = root().join("rigs/transmitter.toml").canonicalize().unwrap();
     let settings = format!(
-        "rig = \"{}\"\nseed = 5\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\nhidden_while = \"{}\"\n",
+        "rig = \"{}\"\nseed = 5\nboard_drift_v = {drift_v:?}\neffects = [{effects}]\nboard = \"{}\"\ntruth = \"{}\"\nhidden_while = \"{}\"\n",
         rig.display(),
         variable("BENCH_FIRMWARE_HOST"),
         scratch.name("truth.csv"),
@@ -273,4 +279,99 @@ fn usb_lab_is_flown_by_a_second_start_once_the_marker_is_in_sight() {
     assert_eq!(flight.ticks.len() as u64, report["summary"]["ticks"].as_u64().unwrap());
     let peak = truth(&scratch).iter().fold(0.0_f64, |peak, [z, _]| peak.max(*z));
     assert!(peak > 0.1, "{peak}");
+}
+
+/// The loopback bench against the real airframe, each with a board of its own. One mission, as nobody puts the airframe back.
+const PAIR: &str = r#"
+name = "pair"
+description = "The airframe flies as the board's loop does."
+
+[[case]]
+name = "pair"
+rig = ["loopback", "transmitter"]
+mode = ["loopback", "transmitter"]
+mission = "short.toml"
+compare = "back-to-back"
+mission_criteria = "ignore"
+
+[case.limits]
+peak_min_m = 0.3
+peak_max_m = 1.0
+"#;
+
+/// How far a board's throttle output is off, mV: three of its steps.
+const OFF_MV: i32 = 48;
+
+/// Flies the pair with a loopback board on a pty and the lab's board on USB, off by so much; the exit code with what was said, and the report.
+fn fly_pair(scratch: &Scratch, [loopback_mv, lab_mv]: [i32; 2]) -> (String, serde_json::Value) {
+    short_mission(scratch);
+    fs::write(scratch.path("pair.toml"), PAIR).unwrap();
+    run_drifted(
+        scratch,
+        "",
+        f64::from(lab_mv) * 1e-3,
+        &format!(
+            "export XDG_CACHE_HOME=$work/cache
+            $bench emulate psoc5 --link /run/psoc5 --dac-offset-mv {loopback_mv} > /dev/null 2>&1 &
+            until [ -e /run/psoc5 ]; do sleep 0.05; done
+            $bench test $work/pair.toml --port loopback=/run/psoc5 --port transmitter=/dev/ttyACM0 --exposure-ms 10 \
+                -o $work/results --json > $work/report.json 2> $work/words
+            echo $? > $work/code"
+        ),
+    );
+    let read = |name: &str| fs::read_to_string(scratch.path(name)).unwrap();
+    (read("code").trim().to_owned() + &read("words"), report(scratch, "report.json"))
+}
+
+/// What the tests of the pair came to, the loopback bench's first. Each was flown to its end, and the second was held against the first.
+fn outcomes(report: &serde_json::Value) -> [&str; 2] {
+    let tests: Vec<_> = report["tests"].as_array().unwrap().iter().collect();
+    let [loopback, transmitter] = tests[..] else { panic!("{report}") };
+    for (test, mode) in [(loopback, "loopback"), (transmitter, "transmitter")] {
+        let run = &test["runs"][0];
+        assert_eq!(test["mode"], mode, "{report}");
+        assert_eq!((&run["stopped"], &run["data_lost"]), (&false.into(), &false.into()), "{test}");
+    }
+    assert_eq!(transmitter["runs"][0]["comparisons"][0]["with"], loopback["id"], "{report}");
+    [loopback, transmitter].map(|test| test["outcome"].as_str().unwrap())
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_flies_as_the_loopback_bench_where_both_boards_are_right() {
+    let scratch = Scratch::new();
+    let (code, report) = fly_pair(&scratch, [0, 0]);
+    assert!(code.starts_with('0'), "{code}: {report}");
+    assert_eq!(outcomes(&report), ["passed", "passed"], "{report}");
+    assert_eq!(report["diagnoses"], serde_json::json!([]));
+}
+
+/// Flies the pair with one board off, and looks for what is said of which.
+fn finds_the_board_that_is_off(off_mv: [i32; 2], off: &str) {
+    let scratch = Scratch::new();
+    let (code, report) = fly_pair(&scratch, off_mv);
+    assert!(code.starts_with('1'), "{code}: {report}");
+    assert_eq!(outcomes(&report), ["passed", "failed"], "{report}");
+    // The flight through the right board is as its rig says, and that through the other is not.
+    let diagnoses = report["diagnoses"].as_array().unwrap();
+    assert_eq!(diagnoses.len(), 2, "{report}");
+    let page = Page::read(&scratch.name("results/report.html"));
+    for diagnosed in diagnoses {
+        let is_off = diagnosed["tests"][0].as_str().unwrap().contains(off);
+        assert_eq!(diagnosed["verdict"] != "none", is_off, "{off}: {diagnosed}");
+        assert!(diagnosed["verdict"].is_string(), "{diagnosed}");
+        assert!(page.section("Diagnosis of what differs").contains(diagnosed["words"].as_str().unwrap()));
+    }
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_against_the_loopback_bench_names_the_loopback_board_that_is_off() {
+    finds_the_board_that_is_off([OFF_MV, 0], "loopback");
+}
+
+#[test]
+#[ignore = "needs a user-mode kernel: tests/run"]
+fn usb_lab_against_the_loopback_bench_names_the_transmitter_board_that_is_off() {
+    finds_the_board_that_is_off([0, OFF_MV], "transmitter");
 }

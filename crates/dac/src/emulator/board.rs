@@ -94,6 +94,11 @@ impl Board {
         }
     }
 
+    /// When [`Board::pass`] next does something, if no command comes before, us.
+    pub fn due_us(&self) -> Option<u64> {
+        (self.state == ArmState::Armed).then_some(self.fed_us + WATCHDOG_US)
+    }
+
     /// The supply sags and recovers.
     pub fn brown_out(&mut self, now_us: u64) {
         self.brown_out = true;

@@ -16,8 +16,11 @@ use serialport::{SerialPort, TTYPort};
 use super::{Board, LinkFaults, Moment, board::foreign, faults::Wire};
 use crate::DacError;
 
-/// How often the board looks at its clock when nothing arrives.
-const TURN: Duration = Duration::from_millis(1);
+/// How often the board looks at its clock when nothing arrives and nothing is due. Each look wakes a processor, which others need, and in a
+/// user-mode kernel it is dear.
+const TURN: Duration = Duration::from_millis(20);
+/// How long a host that does not read is waited for.
+const PATIENCE: Duration = Duration::from_millis(1);
 
 /// A [`Board`] behind a pseudo terminal, on a thread of its own. Dropping it unplugs it for good.
 #[derive(Debug)]
@@ -148,11 +151,10 @@ impl Emulation {
 
     /// Waits for bytes, no longer than until something else is due.
     fn listen(&mut self) {
-        let due_us = [self.to_board.due_us(), self.to_host.due_us()].into_iter().flatten().min();
-        let wait = due_us
-            .map_or(TURN, |due_us| Duration::from_micros(due_us.saturating_sub(self.now_us())).min(TURN));
         let now_us = self.now_us();
-        let Some(master) = &mut self.master else { return thread::sleep(TURN) };
+        let wait =
+            self.due_us(now_us).map_or(TURN, |due_us| Duration::from_micros(due_us - now_us).min(TURN));
+        let Some(master) = &mut self.master else { return thread::sleep(wait) };
         let _ = master.set_timeout(wait);
         let mut bytes = [0; 512];
         match master.read(&mut bytes) {
@@ -168,6 +170,23 @@ impl Emulation {
             // Nobody has the port open.
             Err(_) => thread::sleep(wait),
         }
+    }
+
+    /// When something happens next that no byte from the host tells of, and not before now.
+    fn due_us(&self, now_us: u64) -> Option<u64> {
+        // What arrives while the board hangs waits for the end of that, which a turn finds soon enough.
+        let arriving_us = if self.stalled(now_us) { None } else { self.to_board.due_us() };
+        let LinkFaults { brown_out, unplug, .. } = self.faults;
+        let gone = unplug.filter(|_| !self.unplugged).map(|(at_s, _)| at_s);
+        let back = unplug.filter(|_| self.master.is_none()).and_then(|(at_s, for_s)| Some(at_s + for_s?));
+        let misfortunes = [brown_out.filter(|_| !self.sagged), gone, back].into_iter().flatten();
+        let of_flight_us = |at_s: f64| Some(self.armed_us? + (at_s * 1e6) as u64 + 1);
+        [arriving_us, self.to_host.due_us(), self.board.due_us()]
+            .into_iter()
+            .flatten()
+            .chain(misfortunes.filter_map(of_flight_us))
+            .min()
+            .map(|due_us| due_us.max(now_us))
     }
 
     fn receive(&mut self, now_us: u64, bytes: &[u8]) {
@@ -196,7 +215,7 @@ impl Emulation {
     fn send(&mut self, bytes: &[u8]) {
         if let Some(master) = &mut self.master {
             // A host that does not read loses the answer, as from a board whose buffer is full.
-            let _ = master.set_timeout(TURN);
+            let _ = master.set_timeout(PATIENCE);
             let _ = master.write_all(bytes);
         }
     }

@@ -82,6 +82,7 @@ impl Lab {
             .current_dir(&self.work)
             .env("BOARD_TRACE", PIPE)
             .env("BOARD_CALIBRATED", "1")
+            .env("BOARD_DRIFT_UV", format!("{:.0}", 1e6 * self.settings.board_drift_v))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

@@ -1,7 +1,8 @@
 /*
  * The application as a Linux program, in real time. Its serial line is standard input and output; it ends when the other side
  * closes it. With the environment variable BOARD_TRACE naming a file, it appends there what the outputs and their pins did, and when. With
- * BOARD_CALIBRATED it has the true errors of its outputs in its memory, as a board that was calibrated once.
+ * BOARD_CALIBRATED it has the true errors of its outputs in its memory, as a board that was calibrated once. With BOARD_DRIFT_UV its
+ * throttle output is off by so many microvolts more, as that of a board which has drifted since.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -29,7 +30,11 @@ static uint64_t monotonic_us(void)
 void board_init(void)
 {
     const char *path = getenv("BOARD_TRACE");
+    const char *drift_uv = getenv("BOARD_DRIFT_UV");
     reset_us = monotonic_us();
+    if (drift_uv != NULL) {
+        loop_drift((int32_t)strtol(drift_uv, NULL, 10));
+    }
     if (path != NULL && (trace = fopen(path, "a")) == NULL) {
         perror(path);
         exit(2);

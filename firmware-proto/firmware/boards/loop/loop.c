@@ -11,13 +11,17 @@ static const struct {
 } ERRORS[BP_CHANNELS] = {{985000, 9000}, {1012000, -6000}, {995000, 4000}, {1020000, 11000}};
 
 static int32_t pin_uv[BP_CHANNELS];
+static int32_t drift_uv[BP_CHANNELS];
 static uint32_t noise = 1;
 
 void loop_set(unsigned channel, int32_t microvolts)
 {
     const int32_t stepped = (microvolts + STEP_UV / 2) / STEP_UV * STEP_UV;
-    pin_uv[channel] = (int32_t)((int64_t)stepped * ERRORS[channel].gain_ppm / 1000000) + ERRORS[channel].offset_uv;
+    pin_uv[channel] = (int32_t)((int64_t)stepped * ERRORS[channel].gain_ppm / 1000000) + ERRORS[channel].offset_uv
+        + drift_uv[channel];
 }
+
+void loop_drift(int32_t microvolts) { drift_uv[0] = microvolts; }
 
 int32_t loop_read(unsigned channel)
 {

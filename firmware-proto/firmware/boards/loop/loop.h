@@ -10,6 +10,9 @@
 void loop_set(unsigned channel, int32_t microvolts);
 int32_t loop_read(unsigned channel);
 
+/* The first channel's output is off by so much more from now on, which the errors below do not tell. */
+void loop_drift(int32_t microvolts);
+
 /* What the output's pin is at, and the errors that a calibration of the loop would find. */
 int32_t loop_pin(unsigned channel);
 uint32_t loop_gain_ppm(unsigned channel);
