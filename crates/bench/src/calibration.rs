@@ -19,7 +19,7 @@ use crate::files;
 use learn::learn;
 
 /// Changes when the diagnosis does, so that what it learnt before is not used.
-const GENERATION: u32 = 11;
+const GENERATION: u32 = 12;
 
 /// The missions that recordings carry. Flights without one (imported logs) are stood for by the others, or by the missions of
 /// the blind check.

@@ -37,6 +37,10 @@ pub struct Calibration {
     pub form_share: f64,
     /// Share of effects that are too small to be seen.
     pub hidden_share: f64,
+    /// Probability that the model of an airframe in order leaves a nameless part.
+    pub nominal_misfit_probability: f64,
+    /// Mean of what that part gains, nats.
+    pub nominal_misfit_nats: f64,
     /// Where the numbers are from.
     pub source: String,
     /// On how many cases they were learnt.
@@ -79,13 +83,19 @@ impl Calibration {
     /// Whether probabilities come out of it that are from 0 to 1.
     pub fn is_sound(&self) -> bool {
         let weights = [self.ln_prior_none, self.ln_prior_single, self.ln_prior_pair, self.ln_prior_unknown];
-        let shares = [self.misfit_share, self.doubt, self.form_probability, self.hidden_share];
+        let shares = [
+            self.misfit_share,
+            self.doubt,
+            self.form_probability,
+            self.hidden_share,
+            self.nominal_misfit_probability,
+        ];
+        let means = [self.form_share, self.nominal_misfit_nats];
         weights.iter().all(|weight| weight.is_finite())
             && shares.iter().all(|share| (0.0..=1.0).contains(share))
-            && self.form_share > 0.0
+            && means.iter().all(|mean| *mean > 0.0 && mean.is_finite())
             && self.prior_none > 0.0
             && self.prior_none < 1.0
-            && self.form_share.is_finite()
     }
 
     /// Logarithm of the weight of a hypothesis of so many effects.

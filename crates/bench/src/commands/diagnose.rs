@@ -96,7 +96,7 @@ pub struct Arguments {
     /// Write the calibration that was learnt, for --calibration on another machine
     #[arg(long, value_name = "FILE")]
     write_calibration: Option<PathBuf>,
-    /// How often there is nothing wrong with flights that you ask about, before any is looked at [default: one in five]
+    /// How often there is nothing wrong with flights that you ask about, before any is looked at [default: one in four]
     #[arg(long, value_name = "SHARE", value_parser = share, conflicts_with_all = ["calibrate", "calibration"])]
     prior_none: Option<f64>,
     /// Least probability with which anything is told; below it the verdict is `inconclusive`. 0 tells what leads, whatever it is worth
