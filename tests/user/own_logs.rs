@@ -237,9 +237,12 @@ fn bench_data_two_folders_of_real_flights_go_in_and_a_cause_comes_out() {
         serde_json::from_str(&said).unwrap()
     };
     let cut = run(&of("--map crazypad"));
-    assert_eq!(cut["verdict"], "effect", "{cut:#}");
+    // Whether it is surer than one in two is for the calibration: what leads is what was cut, or what looks the same in hovering flight.
+    assert!(["effect", "inconclusive"].iter().any(|verdict| cut["verdict"] == *verdict), "{cut:#}");
     let alike = cut["candidates"].as_array().unwrap().iter().take(3).map(|candidate| &candidate["name"]);
     assert!(alike.clone().any(|name| name == "thrust-loss"), "{:?}", alike.collect::<Vec<_>>());
+    let group = ["thrust-loss", "mass-change", "battery-load", "battery-discharge"];
+    assert!(group.iter().any(|name| cut["leading"] == *name), "{}", cut["leading"]);
     let control = run(&of("--map nanobench"));
     let laws: Vec<&str> =
         control["laws"].as_array().unwrap().iter().map(|law| law["name"].as_str().unwrap()).collect();

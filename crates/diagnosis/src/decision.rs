@@ -4,7 +4,7 @@
 //! With `L` the gain of log-evidence of what is named and `U` that of the nameless part on top of it, nats:
 //!
 //! ```text
-//! v(none)    = (1 - m) (9/10 + 1/10 exp(slight/T)) + m exp(U/T - U/kappa)
+//! v(none)    = (1 - m) (1 + exp(S/T))/2 + m (exp(U/T - U/kappa) + exp(U/T - (U - S)/kappa))/2,   S what a slight part of U gains
 //! v(effects) = exp(L/T) (1 - q + q exp(U/T) p(r))
 //!              p(r) = exp(-r/mu)/(mu (1 - exp(-1/mu))),   r = U/(L + U)
 //!
@@ -22,17 +22,16 @@
 //! - **Too small to see.** A share `s` of effects is so small that flights are as probable without them. So it is with effects of which
 //!   flights say nothing at all.
 //! - **Doubt.** With a small probability the evidence misleads by more: then `T` is ten times as high.
-//! - **Nominal misfit.** With probability `m` the model of an airframe in order leaves a nameless part, too, as real ones do. What that
-//!   gains is exponential with mean `kappa`, and what a cause outside the library gains is as probable at any size.
+//! - **Nominal misfit.** With probability `m` the model of an airframe in order leaves a nameless part that is not slight, too, as real ones
+//!   do. What it gains is exponential with mean `kappa`, where what a cause outside the library gains is as probable at any size.
+//!   What readbacks gain is excused by no model of flight, and is not counted there.
 //! - **Slight.** The model of an airframe in order is a little wrong, too: by up to 0.1 % of gravity, or by an offset within the tracker's
-//!   noise. What that explains is no gap. Beside effects it is part of another form.
+//!   noise; as often as not. What that explains is no gap. Beside effects it is part of another form.
 
 use crate::calibration::Calibration;
 
 /// In doubt, evidence counts so many times less.
 const DOUBTFUL: f64 = 10.0;
-/// Probability that the model of an airframe in order is slightly wrong.
-const SLIGHTLY_WRONG: f64 = 0.1;
 
 /// What the decision knows of a hypothesis.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +44,8 @@ pub struct Weighable {
     pub direct: f64,
     /// Gain of a nameless part on top of it, where that was looked at.
     pub nameless: Option<f64>,
+    /// What of that readbacks gain: a model of flight excuses none of it.
+    pub readback: f64,
     /// Gain of what any model gets a little wrong; 0 where it was not looked at.
     pub slight: f64,
 }
@@ -111,11 +112,12 @@ fn ln_weight(hypotheses: &[Weighable], seen: &[f64], i: usize, calibration: &Cal
 fn ln_seen(h: &Weighable, temperature: f64, calibration: &Calibration) -> f64 {
     let beside = match h.nameless {
         _ if h.effects.is_empty() => {
-            let slight = ln_sum([(1.0 - SLIGHTLY_WRONG).ln(), SLIGHTLY_WRONG.ln() + h.slight / temperature]);
-            let nats = h.nameless.map_or(0.0, |nats| nats.max(0.0));
+            let nats = h.nameless.map_or(0.0, |nats| (nats - h.readback).max(0.0));
             let m = calibration.nominal_misfit_probability;
-            let misfit = nats / temperature - nats / calibration.nominal_misfit_nats;
-            ln_sum([(1.0 - m).ln() + slight, m.ln() + misfit])
+            let few = |slight: f64| nats / temperature - (nats - slight) / calibration.nominal_misfit_nats;
+            let [alone, misfit] = [(0.5 * (1.0 - m)).ln(), (0.5 * m).ln()];
+            let slight = h.slight.clamp(0.0, nats);
+            ln_sum([alone, alone + h.slight / temperature, misfit + few(0.0), misfit + few(slight)])
         }
         None => 0.0,
         Some(nameless) => {
@@ -145,7 +147,14 @@ mod tests {
     use super::*;
 
     fn hypothesis(effects: &[usize], gain: f64, nameless: f64) -> Weighable {
-        Weighable { effects: effects.to_vec(), gain, direct: 0.0, nameless: Some(nameless), slight: 0.0 }
+        Weighable {
+            effects: effects.to_vec(),
+            gain,
+            direct: 0.0,
+            nameless: Some(nameless),
+            readback: 0.0,
+            slight: 0.0,
+        }
     }
 
     fn none(nameless: f64) -> Weighable {
@@ -193,12 +202,20 @@ mod tests {
     #[test]
     fn what_a_model_gets_slightly_wrong_is_no_gap() {
         let calibration = Calibration::built_in();
-        // An hour of nominal flight: thirty nats for an acceleration of a thousandth of gravity, as many for one of any size.
-        let told = |slight, nominal| decide(&[Weighable { slight, ..none(30.0) }], nominal, &calibration);
-        assert!(told(30.0, 0.0).probabilities[0] > 0.5, "{:?}", told(30.0, 0.0));
+        // An hour of nominal flight: sixty nats for an acceleration of a thousandth of gravity, as many for one of any size.
+        let told = |slight, nominal| decide(&[Weighable { slight, ..none(60.0) }], nominal, &calibration);
+        assert!(told(60.0, 0.0).probabilities[0] > 0.5, "{:?}", told(60.0, 0.0));
         assert!(told(0.0, 0.0).unknown > 0.5);
         // What nominal flights leave as well is none either.
-        assert!(told(0.0, 30.0).probabilities[0] > 0.5);
+        assert!(told(0.0, 60.0).probabilities[0] > 0.5);
+    }
+
+    #[test]
+    fn readbacks_that_no_law_explains_are_no_matter_of_the_model() {
+        let calibration = Calibration::built_in();
+        let told = |readback| decided(&[Weighable { readback, ..none(9.0) }], &calibration);
+        assert!(told(9.0).unknown > 0.8, "{:?}", told(9.0));
+        assert!(told(0.0).unknown < 0.5, "{:?}", told(0.0));
     }
 
     #[test]

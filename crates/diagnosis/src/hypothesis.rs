@@ -55,6 +55,7 @@ impl Hypothesis {
             gain: self.gain(),
             direct: self.grounds.direct,
             nameless: self.grounds.nameless.as_ref().filter(|_| !self.hidden).map(Nameless::evidence),
+            readback: self.grounds.nameless.map_or(0.0, |found| found.readback),
             slight: self.grounds.nameless.map_or(0.0, |found| found.slight),
         }
     }
