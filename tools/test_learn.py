@@ -110,7 +110,8 @@ class Fitted(unittest.TestCase):
             table.write_text("".join(json.dumps(row(random, domain, i, 4.0)) + "\n" for domain in ("own", "blind") for i in range(40)))
             sys.argv = ["learn", "fit", str(table), "--before", str(table), "--output", str(page), "--weights", str(weights)]
             tool.main()
-            self.assertIn("own: left out", page.read_text())
+            self.assertIn("Each domain left out of the learning", page.read_text())
+            self.assertIn("What the program before told", page.read_text())
             self.assertIn("All domains together", page.read_text())
             written = json.loads(weights.read_text())
             built_in = json.loads((Path(__file__).resolve().parent.parent / "crates/diagnosis/src/calibration.json").read_text(encoding="utf-8"))
