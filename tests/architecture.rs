@@ -1,12 +1,14 @@
-//! The table of crates in `docs/architecture.md` is the workspace's dependency graph.
+//! The table of crates in `docs/architecture.md` is the workspace's dependency graph, and what else holds of the sources.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::Path,
+    path::{Path, PathBuf},
     process::Command,
 };
 
 use bench_plant::effects::LIBRARY;
+
+mod constants;
 
 type Graph = BTreeMap<String, BTreeSet<String>>;
 
@@ -118,24 +120,27 @@ fn the_blind_check_reaches_neither_the_plant_nor_the_diagnosis() {
 fn the_estimator_names_no_effect() {
     // What the filter, the fits and the diagnosis know of an effect stands in its row of the library.
     let names = LIBRARY.iter().map(|spec| format!("\"{}\"", spec.name)).collect::<Vec<_>>();
-    let mut read = 0;
-    for package in ["filter", "inference", "diagnosis"] {
-        let mut folders = vec![root().join("crates").join(package).join("src")];
-        let mut files = Vec::new();
-        while let Some(folder) = folders.pop() {
-            for entry in std::fs::read_dir(folder).unwrap() {
-                let path = entry.unwrap().path();
-                if path.is_dir() { folders.push(path) } else { files.push(path) }
-            }
-        }
-        for path in files {
-            let text = std::fs::read_to_string(&path).unwrap();
-            let program = text.split("#[cfg(test)]\nmod tests").next().unwrap();
-            for name in &names {
-                assert!(!program.contains(name.as_str()), "{} names {name}", path.display());
-            }
-            read += 1;
+    for path in sources_of_the_estimator() {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let program = text.split("#[cfg(test)]\nmod tests").next().unwrap();
+        for name in &names {
+            assert!(!program.contains(name.as_str()), "{} names {name}", path.display());
         }
     }
-    assert!(read > 35, "the sources are there");
+}
+
+/// All files of the filter, the fits and the diagnosis.
+fn sources_of_the_estimator() -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let of = |package| root().join("crates").join(package).join("src");
+    let mut folders = ["filter", "inference", "diagnosis"].map(of).to_vec();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { files.push(path) }
+        }
+    }
+    assert!(files.len() > 35, "the sources are there");
+    files.sort();
+    files
 }

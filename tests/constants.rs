@@ -1,11 +1,13 @@
 //! Numbers that the diagnosis was given by judgement are counted: a rule that needs another one pays for it here.
 
-use std::path::{Path, PathBuf};
+use std::ffi::OsStr;
 
 use syn::{
     Attribute, Expr, ExprIndex, ExprLit, ExprRepeat, ItemConst, ItemMod, Lit, Macro, Type,
     visit::{self, Visit},
 };
+
+use crate::{root, sources_of_the_estimator};
 
 /// So many there are, and never more. Forty would be few enough.
 const MOST: usize = 112;
@@ -89,33 +91,22 @@ fn is_of_tests(attribute: &Attribute) -> bool {
         && matches!(attribute.parse_args::<syn::Path>(), Ok(path) if path.is_ident("test"))
 }
 
-fn sources(folder: PathBuf) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let mut files: Vec<PathBuf> =
-        entries.flat_map(|path| if path.is_dir() { sources(path) } else { vec![path] }).collect();
-    files.sort();
-    files
-}
-
 #[test]
 fn numbers_of_judgement_are_few() {
-    let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     let mut found = Vec::new();
-    for package in ["filter", "inference", "diagnosis"] {
-        for path in sources(root.join("crates").join(package).join("src")) {
-            let after = |part: &std::ffi::OsStr| AFTER_THE_VERDICT.iter().any(|name| part == *name);
-            if path.extension().is_none_or(|extension| extension != "rs") || path.iter().any(after) {
-                continue;
-            }
-            let text = std::fs::read_to_string(&path).unwrap();
-            let mut numbers = Numbers::default();
-            numbers.visit_file(&syn::parse_file(&text).unwrap());
-            let lines: Vec<&str> = text.lines().collect();
-            for line in numbers.lines {
-                let code = lines[line - 1].trim();
-                if !MARKS.iter().any(|mark| code.ends_with(mark)) {
-                    found.push(format!("{}:{line}: {code}", path.strip_prefix(root).unwrap().display()));
-                }
+    for path in sources_of_the_estimator() {
+        let after = |part: &OsStr| AFTER_THE_VERDICT.iter().any(|name| part == *name);
+        if path.extension().is_none_or(|extension| extension != "rs") || path.iter().any(after) {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut numbers = Numbers::default();
+        numbers.visit_file(&syn::parse_file(&text).unwrap());
+        let lines: Vec<&str> = text.lines().collect();
+        for line in numbers.lines {
+            let code = lines[line - 1].trim();
+            if !MARKS.iter().any(|mark| code.ends_with(mark)) {
+                found.push(format!("{}:{line}: {code}", path.strip_prefix(root()).unwrap().display()));
             }
         }
     }

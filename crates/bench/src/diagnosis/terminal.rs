@@ -196,7 +196,7 @@ fn how_far(out: &mut String, diagnosis: &Diagnosis) {
         for error in errors {
             let _ = write!(out, " {:<17}", error.as_ref().map_or_else(|| "-".to_owned(), centimetres));
         }
-        let above = told::above_floor(&misfit, &gap.floor);
+        let above = told::figure_above_floor(&misfit, &gap.floor);
         let _ = writeln!(out, " {}", told::figure(&above, 1.0, 2));
     }
     if let Some(closure) = told::closure(diagnosis) {

@@ -71,18 +71,33 @@ pub fn takes_part(candidates: &[Candidate], least: f64) -> Vec<(&'static str, f6
     if pairs.map(|pair| pair.probability).sum::<f64>() < least {
         return Vec::new();
     }
-    let mut sums: Vec<(&'static str, f64)> = Vec::new();
-    for candidate in candidates {
-        for effect in &candidate.effects {
-            match sums.iter_mut().find(|(name, _)| name == effect) {
-                Some((_, sum)) => *sum += candidate.probability,
-                None => sums.push((effect, candidate.probability)),
-            }
+    let mut effects: Vec<&'static str> = Vec::new();
+    for effect in candidates.iter().flat_map(|candidate| &candidate.effects) {
+        if !effects.contains(effect) {
+            effects.push(effect);
         }
     }
-    sums.retain(|(_, sum)| *sum >= least);
-    sums.sort_by(|a, b| b.1.total_cmp(&a.1));
-    sums
+    let mut parts: Vec<(&'static str, f64)> =
+        effects.into_iter().map(|effect| (effect, any_takes_part(candidates, &[effect]))).collect();
+    parts.retain(|(_, probability)| *probability >= least);
+    parts.sort_by(|a, b| b.1.total_cmp(&a.1));
+    parts
+}
+
+/// Probability that one or more of these effects take part.
+fn any_takes_part(candidates: &[Candidate], effects: &[&str]) -> f64 {
+    let with = candidates.iter().filter(|c| c.effects.iter().any(|effect| effects.contains(effect)));
+    with.map(|candidate| candidate.probability).sum()
+}
+
+/// Probability that the leading effect, or one that flights cannot tell from it, takes part, alone or beside another; of nothing but one
+/// effect that leads.
+pub fn leader_takes_part(diagnosis: &Diagnosis) -> Option<f64> {
+    let leading = diagnosis.candidates.iter().find(|candidate| candidate.name == diagnosis.leading)?;
+    let [effect] = leading.effects.as_slice() else { return None };
+    let alike = diagnosis.alternatives.iter().map(|other| other.name.as_str());
+    let effects: Vec<&str> = std::iter::once(*effect).chain(alike).collect();
+    Some(any_takes_part(&diagnosis.candidates, &effects))
 }
 
 /// What the third level of the gap adds, where there is such a level.
@@ -160,21 +175,14 @@ pub fn number(key: &str, sticks: Actuation) -> (String, String) {
     (name.replace('_', " "), unit)
 }
 
-/// Probability that the leading effect, or one that flights cannot tell from it, takes part, alone or beside another; of nothing but one
-/// effect that leads.
-pub fn leader_takes_part(diagnosis: &Diagnosis) -> Option<f64> {
-    let leading = diagnosis.candidates.iter().find(|candidate| candidate.name == diagnosis.leading)?;
-    let [effect] = leading.effects.as_slice() else { return None };
-    let alike: Vec<&str> = diagnosis.alternatives.iter().map(|other| other.name.as_str()).collect();
-    let takes_part = |candidate: &&Candidate| {
-        candidate.effects.iter().any(|other| other == effect || alike.contains(other))
-    };
-    Some(diagnosis.candidates.iter().filter(takes_part).map(|candidate| candidate.probability).sum())
+/// Misfit over what a right model would have against the same noise, nats a measurement; of a model that is as good, 0.
+pub fn above_floor(misfit: f64, floor: f64) -> f64 {
+    (misfit - floor).max(0.0)
 }
 
-/// Misfit over what a right model would have against the same noise, nats a measurement; of a model that is as good, 0.
-pub fn above_floor(misfit: &Figure, floor: &Figure) -> Figure {
-    let [value, low, high] = [misfit.value, misfit.low, misfit.high].map(|x| (x - floor.value).max(0.0));
+/// The same of a figure with its interval.
+pub fn figure_above_floor(misfit: &Figure, floor: &Figure) -> Figure {
+    let [value, low, high] = [misfit.value, misfit.low, misfit.high].map(|x| above_floor(x, floor.value));
     Figure { value, low, high }
 }
 
@@ -280,7 +288,7 @@ mod tests {
     #[test]
     fn misfit_is_above_the_floor_and_never_below() {
         let at = |value, low, high| Figure { value, low, high };
-        let above = above_floor(&at(-5.37, -5.43, -5.3), &at(-5.42, -5.43, -5.41));
+        let above = figure_above_floor(&at(-5.37, -5.43, -5.3), &at(-5.42, -5.43, -5.41));
         assert!((above.value - 0.05).abs() < 1e-12 && (above.high - 0.12).abs() < 1e-12, "{above:?}");
         assert_eq!(above.low, 0.0);
     }

@@ -46,8 +46,8 @@ fn consistency(flights: &[FlightGap], short: &impl Fn(&str) -> String) -> Markup
         let nis_off = 3.3 * (2.0 / n).sqrt();
         let correlation_off = 3.3 / n.sqrt();
         let columns: [(f64, bool); 8] = [
-            ((flight.nll[0] - flight.nll[3]).max(0.0), false),
-            ((flight.nll[2] - flight.nll[3]).max(0.0), false),
+            (told::above_floor(flight.nll[0], flight.nll[3]), false),
+            (told::above_floor(flight.nll[2], flight.nll[3]), false),
             (before.mean_nis, before.mean_nis - 1.0 > nis_off),
             (after.mean_nis, after.mean_nis - 1.0 > nis_off),
             (before.whiteness_p, before.whiteness_p < 1e-3),

@@ -10,19 +10,20 @@ use maud::{Markup, html};
 
 use super::{LEVELS, told};
 
-/// A level of the gap: colour, name, predictions, misfit.
+/// A level of the gap: colour, name, predictions, misfit above the floor.
 type Level<'a> = (usize, String, &'a [Option<Figure>; 3], Figure);
 
 fn levels(diagnosis: &Diagnosis) -> Vec<Level<'_>> {
     let gap = &diagnosis.gap;
     let k = &gap.k_step_m;
+    let above = |misfit: &Figure| told::figure_above_floor(misfit, &gap.floor);
     let mut levels = vec![
-        (LEVELS[0], "the rig as it is".to_owned(), &k.nominal, gap.nominal),
-        (LEVELS[1], "numbers re-fitted".to_owned(), &k.parameters_only, gap.parameters_only),
+        (LEVELS[0], "the rig as it is".to_owned(), &k.nominal, above(&gap.nominal)),
+        (LEVELS[1], "numbers re-fitted".to_owned(), &k.parameters_only, above(&gap.parameters_only)),
     ];
     if let Some(best) = told::best_effects(diagnosis) {
         let name = if diagnosis.verdict == Verdict::Effect { "with" } else { "with the nearest," };
-        levels.push((LEVELS[2], format!("{name} {best}"), &k.with_effect, gap.with_effect));
+        levels.push((LEVELS[2], format!("{name} {best}"), &k.with_effect, above(&gap.with_effect)));
     }
     levels
 }
@@ -67,18 +68,16 @@ fn horizon(levels: &[Level<'_>], h: usize, ahead: &str) -> Markup {
 }
 
 fn misfit(diagnosis: &Diagnosis, levels: &[Level<'_>]) -> Markup {
-    let above = |misfit: &Figure| told::above_floor(misfit, &diagnosis.gap.floor);
-    let [_, high] = range(levels.iter().map(|(_, _, _, misfit)| above(misfit).high).chain([0.0]));
+    let [_, high] = range(levels.iter().map(|(_, _, _, misfit)| misfit.high).chain([0.0]));
     let mut rows = Rows::new([0.0, high]);
     for (colour, name, _, misfit) in levels {
-        let misfit = above(misfit);
         let bar = Bar {
             value: misfit.value,
             interval: Some([misfit.low, misfit.high]),
             from: Some(0.0),
             colour: *colour,
         };
-        rows.row(name, Some(bar), &told::figure(&misfit, 1.0, 3));
+        rows.row(name, Some(bar), &told::figure(misfit, 1.0, 3));
     }
     let mut words =
         "How much less likely the model finds what was seen than a right model would against the same noise."
